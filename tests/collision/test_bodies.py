@@ -13,20 +13,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    Box,
-    Capsule,
-    CollisionChecker,
-    Cylinder,
-    HalfSpace,
-    InputError,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Scene,
-    Sphere,
-    pose,
-)
+import pinproof as pp
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 from pinproof.collision.checking.placed_bodies import GJK_SLACK
 from pinproof.collision.geometry.bodies import GEOMETRIES, shape_bodies, shape_body
@@ -106,7 +93,7 @@ def l_shape() -> trimesh.Trimesh:
 
 RNG = np.random.default_rng(5)
 HULL_POINTS = RNG.normal(size=(30, 3)) * [0.2, 0.1, 0.05]
-CLOUD = PointCloud(RNG.uniform(-0.3, 0.3, (80, 3)), 0.05)
+CLOUD = pp.PointCloud(RNG.uniform(-0.3, 0.3, (80, 3)), 0.05)
 GROUND = HeightMap(RNG.uniform(0, 0.2, (5, 7)), 0.9, 0.6, -0.1)
 CORNER = l_shape()
 
@@ -154,17 +141,17 @@ KINDS = {
     "flat cone": (Cone(0.3, 0.002), lambda p: to_cone(p, 0.3, 0.002)),
     "ellipsoid": (Ellipsoid(0.1, 0.2, 0.3), lambda p: to_ellipsoid(p, np.array([0.1, 0.2, 0.3]))),
     "needle": (Ellipsoid(0.002, 0.003, 0.3), lambda p: to_ellipsoid(p, np.array([0.002, 0.003, 0.3]))),
-    "half-space": (HalfSpace(), lambda p: max(p[2], 0.0)),
+    "half-space": (pp.HalfSpace(), lambda p: max(p[2], 0.0)),
     "hull": (ConvexHull(HULL_POINTS), lambda p: to_convex(p, HULL_FACES)),
-    "mesh": (Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False), corner_distance),
+    "mesh": (pp.Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False), corner_distance),
     "cloud": (CLOUD, lambda p: to_cells(p, CLOUD.cells * 0.05, (CLOUD.cells + 1) * 0.05)),
     "ground": (GROUND, lambda p: to_union(p, PRISMS)),
 }
 SIZED = {
-    "box": Box(0.2, 0.3, 0.1),
-    "sphere": Sphere(0.1),
-    "cylinder": Cylinder(0.1, 0.2),
-    "capsule": Capsule(0.05, 0.2),
+    "box": pp.Box(0.2, 0.3, 0.1),
+    "sphere": pp.Sphere(0.1),
+    "cylinder": pp.Cylinder(0.1, 0.2),
+    "capsule": pp.Capsule(0.05, 0.2),
 }
 ALL = {**SIZED, **{name: shape for name, (shape, _) in KINDS.items()}}
 
@@ -176,8 +163,8 @@ def test_distance_to_a_ball_equals_an_independent_formula(slider, kind):
     rng = np.random.default_rng(7)
     inside = outside = 0
     for _ in range(12):
-        at = pose(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3))
-        checker = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]))
+        at = pp.pose(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3))
+        checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("thing", shape, at)]))
         for x in rng.uniform(-0.6, 0.6, 12):
             point = at.actInv(np.array([x, 0, 0]))
             expected, text = distance(point) - BALL, checker.clearance([x])
@@ -190,7 +177,7 @@ def test_distance_to_a_ball_equals_an_independent_formula(slider, kind):
                 assert not checker.is_free([x])
                 inside += 1
             margin = max(expected, 0) + 1e-3
-            near = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]), margin=margin)
+            near = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("thing", shape, at)]), margin=margin)
             assert not near.is_free([x])
     assert outside > 30
     assert inside > 0 or "needle" in kind or "flat" in kind
@@ -239,9 +226,9 @@ def test_supports_of_cones_and_ellipsoids_are_reached_and_never_passed(sizes, di
 def test_every_kind_is_checked_against_every_other(slider, carried):
     """Far apart it is free, in one place it is not, and a margin that closes the gap is contact."""
     for name, shape in ALL.items():
-        tool = [Obstacle("tool", ALL[carried], pose((0, 0, 0.5)))]
-        scene = Scene([Obstacle("thing", shape, pose((0, 0, 0.5)))], allowed=[("ball", "thing")])
-        checker = CollisionChecker(slider, scene, attached=tool)
+        tool = [pp.Obstacle("tool", ALL[carried], pp.pose((0, 0, 0.5)))]
+        scene = pp.Scene([pp.Obstacle("thing", shape, pp.pose((0, 0, 0.5)))], allowed=[("ball", "thing")])
+        checker = pp.CollisionChecker(slider, scene, attached=tool)
         assert not checker.is_free([0.0])
         assert checker.clearance([0.0]) <= 0
         assert checker.check([0.0]).contacts[0].bodies == ("tool", "thing")
@@ -250,13 +237,13 @@ def test_every_kind_is_checked_against_every_other(slider, carried):
         gap = checker.clearance([2.0])
         assert 1.0 < gap < 2.0
         assert checker.is_free([2.0])
-        contact = CollisionChecker(slider, scene, attached=tool, margin=gap + 1e-5).check([2.0]).contacts[0]
+        contact = pp.CollisionChecker(slider, scene, attached=tool, margin=gap + 1e-5).check([2.0]).contacts[0]
         assert np.linalg.norm(np.diff(contact.points, axis=0)) == pytest.approx(gap, abs=1e-5)
-        assert CollisionChecker(slider, scene, attached=tool, margin=gap - 1e-5).is_free([2.0])
+        assert pp.CollisionChecker(slider, scene, attached=tool, margin=gap - 1e-5).is_free([2.0])
 
 
 def test_every_kind_survives_pickle(slider):
-    checker = CollisionChecker(slider, Scene([Obstacle(name, shape) for name, shape in ALL.items()]))
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle(name, shape) for name, shape in ALL.items()]))
     copy = pickle.loads(pickle.dumps(checker))
     assert copy.fingerprint() == checker.fingerprint()
     assert [copy.clearance([x]) for x in (-1.0, 0.0, 0.7)] == [checker.clearance([x]) for x in (-1.0, 0.0, 0.7)]
@@ -273,14 +260,14 @@ def test_the_fingerprint_depends_on_every_number():
         Cone(0.15, 0.3 + 1e-9),
         Ellipsoid(0.1, 0.2, 0.3 + 1e-9),
         HeightMap(heights, 0.9, 0.6, -0.1),
-        Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False, hollow=True),
+        pp.Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False, hollow=True),
     ]
     assert len({content(shape) for shape in shapes}) == len(shapes)
 
 
 def test_a_half_space_cannot_be_attached_to_a_link(slider):
-    with pytest.raises(InputError, match="'floor' is a HalfSpace"):
-        CollisionChecker(slider, attached=[Obstacle("floor", HalfSpace())])
+    with pytest.raises(pp.InputError, match="'floor' is a HalfSpace"):
+        pp.CollisionChecker(slider, attached=[pp.Obstacle("floor", pp.HalfSpace())])
 
 
 # -- inside ------------------------------------------------------------------------------------------------------------
@@ -290,9 +277,11 @@ ROOM = trimesh.creation.box((4, 4, 4))
 
 @pytest.mark.parametrize("kind", [name for name in ALL if name != "half-space"])
 def test_a_body_inside_a_mesh_is_in_contact(slider, kind):
-    room = Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
-    checker = CollisionChecker(
-        slider, Scene([Obstacle("room", room)], allowed=[("ball", "room")]), attached=[Obstacle("tool", ALL[kind])]
+    room = pp.Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
+    checker = pp.CollisionChecker(
+        slider,
+        pp.Scene([pp.Obstacle("room", room)], allowed=[("ball", "room")]),
+        attached=[pp.Obstacle("tool", ALL[kind])],
     )
     assert not checker.is_free([0.0])
     assert checker.clearance([0.0]) < 0
@@ -300,10 +289,12 @@ def test_a_body_inside_a_mesh_is_in_contact(slider, kind):
 
 
 def test_one_of_many_islands_of_a_cloud_inside_is_enough(slider):
-    islands = PointCloud([[10, 0, 0], [20, 0, 0], [1, 1, 1], [30, 0, 0]], 0.1)
-    room = Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
-    checker = CollisionChecker(
-        slider, Scene([Obstacle("room", room)], allowed=[("ball", "room")]), attached=[Obstacle("tool", islands)]
+    islands = pp.PointCloud([[10, 0, 0], [20, 0, 0], [1, 1, 1], [30, 0, 0]], 0.1)
+    room = pp.Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
+    checker = pp.CollisionChecker(
+        slider,
+        pp.Scene([pp.Obstacle("room", room)], allowed=[("ball", "room")]),
+        attached=[pp.Obstacle("tool", islands)],
     )
     assert not checker.is_free([0.0])
     assert checker.is_free([5.0])
@@ -324,8 +315,8 @@ def test_overlapping_parts_are_solid_in_any_orientation(slider, turned, inverted
     mesh = overlapping(turned)
     if inverted:
         mesh.invert()
-    checker = CollisionChecker(
-        slider, Scene([Obstacle("two", Mesh.from_arrays(mesh.vertices, mesh.faces, hull=False))])
+    checker = pp.CollisionChecker(
+        slider, pp.Scene([pp.Obstacle("two", pp.Mesh.from_arrays(mesh.vertices, mesh.faces, hull=False))])
     )
     for x in (-0.1, 0.0, 0.12, 0.3):  # in the first, in both (where the winding numbers cancel), in the second
         assert not checker.is_free([x])
@@ -395,7 +386,7 @@ def test_numbers_of_cells_are_different_everywhere_in_the_grid():
     ends = np.array([-(2**20) + 2, -1, 0, 1, 2**20 - 2])
     cells = np.array(np.meshgrid(ends, ends, ends)).reshape(3, -1).T
     assert len(np.unique(cell_numbers(cells))) == len(cells)
-    cloud = PointCloud((cells + 0.5) * 0.005, 0.005)
+    cloud = pp.PointCloud((cells + 0.5) * 0.005, 0.005)
     assert {tuple(cell) for cell in cloud.cells} == {tuple(cell) for cell in cells}
 
 
@@ -415,25 +406,25 @@ def test_the_surface_of_a_cloud_is_closed_and_as_large_as_its_cells():
 
 def test_a_mesh_of_arrays_that_is_open_is_refused():
     with pytest.raises(MeshError, match="not watertight"):
-        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices, CORNER.faces[1:], hull=False), HERE)
+        shape_body("a", "a", None, pp.Mesh.from_arrays(CORNER.vertices, CORNER.faces[1:], hull=False), HERE)
     with pytest.raises(MeshError, match="flat"):
-        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4], hull=True), HERE)
+        shape_body("a", "a", None, pp.Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4], hull=True), HERE)
     with pytest.raises(MeshError, match="flat"):
-        shape_bodies("a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
+        shape_bodies("a", None, pp.Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
 
 
 @pytest.mark.filterwarnings("ignore::pinproof.errors.UnitWarning")
 @pytest.mark.parametrize("size", [1e-6, 1e-4, 1.0, 1e3])
 def test_sizes_from_a_micrometre_to_a_kilometre(slider, size):
     """The gap to a ball is right at every size that is allowed, to the rounding of that size."""
-    for shape, half in ((Cone(size, size), size), (Ellipsoid(size, size, size), size), (Sphere(size), size)):
-        at = pose((size + 0.2, 0, size / 2 if isinstance(shape, Cone) else 0))  # the disc of the cone lies in z = 0
-        checker = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]))
+    for shape, half in ((Cone(size, size), size), (Ellipsoid(size, size, size), size), (pp.Sphere(size), size)):
+        at = pp.pose((size + 0.2, 0, size / 2 if isinstance(shape, Cone) else 0))  # the disc of the cone lies in z = 0
+        checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("thing", shape, at)]))
         assert checker.clearance([0.0]) == pytest.approx(0.2 + size - half - BALL, abs=max(GJK_SLACK, 1e-8 * size))
 
 
 def test_reach_is_homogeneous_and_takes_many_directions() -> None:
-    support = shape_body("thing", "thing", None, Cylinder(radius=0.1, length=0.4), HERE).support
+    support = shape_body("thing", "thing", None, pp.Cylinder(radius=0.1, length=0.4), HERE).support
     many = np.random.default_rng(0).normal(size=(4, 5, 3))
     found = support.reach(many)
     assert found.shape == (4, 5)
@@ -444,5 +435,5 @@ def test_reach_is_homogeneous_and_takes_many_directions() -> None:
 
 def test_every_shape_is_registered_and_an_unknown_one_is_refused():
     assert {*GEOMETRIES, ConvexHull} == set(get_args(Shape))
-    with pytest.raises(InputError, match="object"):
-        shape_body("thing", "thing", None, object(), pose((0, 0, 0)))
+    with pytest.raises(pp.InputError, match="object"):
+        shape_body("thing", "thing", None, object(), pp.pose((0, 0, 0)))

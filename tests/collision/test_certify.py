@@ -6,26 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CertificateStatus,
-    CollisionChecker,
-    Cylinder,
-    InputError,
-    JointPath,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    Trajectory,
-    Within,
-    certify,
-    pose,
-)
+import pinproof as pp
 from pinproof.errors import NotProvenFree
 from pinproof.motion import CubicPath
 
-FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
+FREE, COLLIDING, UNDECIDED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.UNDECIDED
 
 
 # -- where a body is ---------------------------------------------------------------------------------------------------
@@ -38,15 +23,15 @@ def hollow_box(mesh_file, kind):
             for side in (-0.5, 0.5):
                 size, at = [2.4, 2.4, 2.4], [0.0, 0.0, 0.0]
                 size[axis], at[axis] = 1e-3, 2.4 * side
-                walls.append(Obstacle(f"wall_{axis}_{side}", Box(*size), pose(at)))
-        return Scene(walls)
-    return Scene([Obstacle("room", Mesh(mesh_file(trimesh.creation.box((2.4, 2.4, 2.4))), hull=False))])
+                walls.append(pp.Obstacle(f"wall_{axis}_{side}", pp.Box(*size), pp.pose(at)))
+        return pp.Scene(walls)
+    return pp.Scene([pp.Obstacle("room", pp.Mesh(mesh_file(trimesh.creation.box((2.4, 2.4, 2.4))), hull=False))])
 
 
 def test_a_body_inside_thin_walls_is_free_and_inside_a_solid_collides(ur5, mesh_file, path):
     move = path(ur5, ur5.home, ur5.home + np.array([0.5, 0.1, 0.1, 0, 0, 0]))
-    assert certify(move, CollisionChecker(ur5, hollow_box(mesh_file, "walls"))).status is FREE
-    certificate = certify(move, CollisionChecker(ur5, hollow_box(mesh_file, "solid")))
+    assert pp.certify(move, pp.CollisionChecker(ur5, hollow_box(mesh_file, "walls"))).status is FREE
+    certificate = pp.certify(move, pp.CollisionChecker(ur5, hollow_box(mesh_file, "solid")))
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == 0.0
     assert certificate.first_contact.penetrating
@@ -59,8 +44,8 @@ def test_a_body_inside_thin_walls_is_free_and_inside_a_solid_collides(ur5, mesh_
 @pytest.mark.parametrize("margin", [0.0, 0.002])
 def test_a_graze_is_never_judged_wrongly(slider, gap, margin, path):
     """A ball of 1 cm slides past another at a known least distance of margin + gap."""
-    beside = Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + margin + gap, 0)))
-    certificate = certify(path(slider, [0.0], [0.5]), CollisionChecker(slider, Scene([beside]), margin=margin))
+    beside = pp.Obstacle("other", pp.Sphere(0.05), pp.pose((0.123, 0.06 + margin + gap, 0)))
+    certificate = pp.certify(path(slider, [0.0], [0.5]), pp.CollisionChecker(slider, pp.Scene([beside]), margin=margin))
     assert certificate.status is not (FREE if gap <= 0 else COLLIDING)
     if gap >= 1.2e-4:
         assert certificate.status is FREE
@@ -77,8 +62,8 @@ def test_a_graze_is_never_judged_wrongly(slider, gap, margin, path):
 
 def test_a_contact_that_begins_exactly_at_a_knot_is_reported(slider):
     """The intervals shrink at the wall from the left; the contact behind it must still be found."""
-    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.1 + 0.01 + 0.05, 0, 0)))])
-    certificate = certify(JointPath([[0.0], [0.1], [0.3]], slider.joint_names), CollisionChecker(slider, wall))
+    wall = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.1 + 0.01 + 0.05, 0, 0)))])
+    certificate = pp.certify(pp.JointPath([[0.0], [0.1], [0.3]], slider.joint_names), pp.CollisionChecker(slider, wall))
     assert certificate.status is COLLIDING
     assert certificate.first_contact.bodies == ("ball", "wall")
     assert certificate.first_contact.time == pytest.approx(1.0, abs=0.02)
@@ -86,17 +71,17 @@ def test_a_contact_that_begins_exactly_at_a_knot_is_reported(slider):
 
 
 def test_a_smaller_tolerance_decides_a_graze(slider, path):
-    beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 2e-8, 0)))])
-    checker = CollisionChecker(slider, beside)
+    beside = pp.Scene([pp.Obstacle("other", pp.Sphere(0.05), pp.pose((0.123, 0.06 + 2e-8, 0)))])
+    checker = pp.CollisionChecker(slider, beside)
     move = path(slider, [0.0], [0.5])
-    assert certify(move, checker, tolerance=1e-3).status is UNDECIDED
-    assert certify(move, checker, tolerance=1e-8).status is FREE
+    assert pp.certify(move, checker, tolerance=1e-3).status is UNDECIDED
+    assert pp.certify(move, checker, tolerance=1e-8).status is FREE
 
 
 def test_a_result_proven_at_the_tolerance_is_accepted(slider, path):
     """Free by 1.5 tolerances: less than the share of the clearance that is aimed at, and proven all the same."""
-    beside = Scene([Obstacle("wall", Box(2, 0.1, 0.1), pose((0, 0.06 + 1.5e-4, 0)))])
-    certificate = certify(path(slider, [0.0], [0.3]), CollisionChecker(slider, beside))
+    beside = pp.Scene([pp.Obstacle("wall", pp.Box(2, 0.1, 0.1), pp.pose((0, 0.06 + 1.5e-4, 0)))])
+    certificate = pp.certify(path(slider, [0.0], [0.3]), pp.CollisionChecker(slider, beside))
     assert certificate.status is FREE
     assert 0 < certificate.clearance <= 1.5e-4
 
@@ -105,26 +90,26 @@ def test_a_result_proven_at_the_tolerance_is_accepted(slider, path):
 
 
 def test_a_full_rotation_with_equal_ends_is_checked(planar_2r, path, first_touch):
-    peg = Scene([Obstacle("peg", Sphere(0.02), pose((-0.9, 0, 0.03)))])
-    checker = CollisionChecker(planar_2r, peg)
+    peg = pp.Scene([pp.Obstacle("peg", pp.Sphere(0.02), pp.pose((-0.9, 0, 0.03)))])
+    checker = pp.CollisionChecker(planar_2r, peg)
     long_way = path(planar_2r, [0, 0], [2 * np.pi, 0])
-    certificate = certify(long_way, checker)
+    certificate = pp.certify(long_way, checker)
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == pytest.approx(first_touch(checker, long_way), abs=1e-3)
-    assert certify(path(planar_2r, [0, 0], [0, 0]), checker).status is FREE
+    assert pp.certify(path(planar_2r, [0, 0], [0, 0]), checker).status is FREE
 
 
 def test_a_cubic_that_swings_out_and_returns_is_not_judged_by_its_ends(slider, first_touch):
     knots, rest = [0.0, 1.0], np.zeros((2, 1))
     swing = CubicPath(rest, [[2.0], [-2.0]], knots, slider.joint_names)  # reaches 0.5 at the middle
     assert swing(0.5)[0] == pytest.approx(0.5)
-    wall = [Obstacle("wall", Box(0.01, 1, 1), pose((x, 0, 0))) for x in (0.4, 0.55)]
-    near, far = (CollisionChecker(slider, Scene([w])) for w in wall)
-    certificate = certify(swing, near)
+    wall = [pp.Obstacle("wall", pp.Box(0.01, 1, 1), pp.pose((x, 0, 0))) for x in (0.4, 0.55)]
+    near, far = (pp.CollisionChecker(slider, pp.Scene([w])) for w in wall)
+    certificate = pp.certify(swing, near)
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == pytest.approx(first_touch(near, swing), abs=1e-3)
-    assert certify(swing, far).status is FREE
-    assert certify(swing, far).clearance <= 0.035
+    assert pp.certify(swing, far).status is FREE
+    assert pp.certify(swing, far).clearance <= 0.035
 
 
 def test_a_cubic_is_not_judged_by_its_ends_and_middle_only(slider, first_touch):
@@ -132,30 +117,30 @@ def test_a_cubic_is_not_judged_by_its_ends_and_middle_only(slider, first_touch):
     swing = CubicPath(np.zeros((2, 1)), [[2.0], [2.0]], [0.0, 1.0], slider.joint_names)
     assert swing(0.0) == swing(0.5) == swing(1.0) == 0.0
     for x in (-0.15, 0.15):
-        checker = CollisionChecker(slider, Scene([Obstacle("wall", Box(0.01, 1, 1), pose((x, 0, 0)))]))
-        certificate = certify(swing, checker)
+        checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", pp.Box(0.01, 1, 1), pp.pose((x, 0, 0)))]))
+        certificate = pp.certify(swing, checker)
         assert certificate.status is COLLIDING
         assert certificate.first_contact.time == pytest.approx(first_touch(checker, swing), abs=1e-3)
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_path_of_length_zero_is_checked_at_its_configuration(slider, count, path):
-    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))])
-    checker = CollisionChecker(slider, wall)
-    free = certify(path(slider, *[[0.0]] * count), checker)
+    wall = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.3, 0, 0)))])
+    checker = pp.CollisionChecker(slider, wall)
+    free = pp.certify(path(slider, *[[0.0]] * count), checker)
     assert free.status is FREE
     assert 0.12 <= free.clearance <= 0.24 + 1e-9
     assert free.intervals == 1
-    touching = certify(path(slider, *[[0.3]] * count), checker)
+    touching = pp.certify(path(slider, *[[0.3]] * count), checker)
     assert touching.status is COLLIDING
     assert touching.first_contact.time == 0.0
 
 
 def test_a_start_and_an_end_in_contact_are_shown(slider, path):
-    checker = CollisionChecker(slider, Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))]))
-    start = certify(path(slider, [0.3], [0.0]), checker)
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.3, 0, 0)))]))
+    start = pp.certify(path(slider, [0.3], [0.0]), checker)
     assert (start.status, start.first_contact.time, start.first_contact.proven_free_until) == (COLLIDING, 0.0, 0.0)
-    end = certify(path(slider, [0.0], [0.24 - 1e-9]), CollisionChecker(slider, checker.scene, margin=1e-6))
+    end = pp.certify(path(slider, [0.0], [0.24 - 1e-9]), pp.CollisionChecker(slider, checker.scene, margin=1e-6))
     assert end.status is COLLIDING
     assert end.first_contact.time == pytest.approx(1.0, abs=1e-3)
     assert end.first_contact.proven_free_until > 0.99
@@ -166,13 +151,13 @@ def test_the_first_contact_is_the_first(ur5, path, first_touch, assert_free_unti
     pan, start = np.eye(6)[0], ur5.home
     end = start + 1.6 * pan
     on_the_way = [ur5.forward_kinematics(start + angle * pan) for angle in (1.2, 0.7)]
-    pegs = [Obstacle(f"peg_{i}", Sphere(0.01), at * pose((0, 0, 0.03))) for i, at in enumerate(on_the_way)]
-    tool = Obstacle("tool", Cylinder(0.01, 0.08), pose((0, 0, 0.041)))
-    checker = CollisionChecker(ur5, Scene(pegs), margin=0.002, attached=[tool])
+    pegs = [pp.Obstacle(f"peg_{i}", pp.Sphere(0.01), at * pp.pose((0, 0, 0.03))) for i, at in enumerate(on_the_way)]
+    tool = pp.Obstacle("tool", pp.Cylinder(0.01, 0.08), pp.pose((0, 0, 0.041)))
+    checker = pp.CollisionChecker(ur5, pp.Scene(pegs), margin=0.002, attached=[tool])
     straight = path(ur5, start, end)
-    timed = Trajectory([0.0, 2.0], np.stack([start, end]), np.zeros((2, 6)), ur5.joint_names)
+    timed = pp.Trajectory([0.0, 2.0], np.stack([start, end]), np.zeros((2, 6)), ur5.joint_names)
     for curve in (straight, timed):
-        certificate = certify(curve, checker)
+        certificate = pp.certify(curve, checker)
         contact = certificate.first_contact
         assert certificate.status is COLLIDING
         assert contact.bodies[1] == "peg_1"
@@ -201,12 +186,12 @@ def test_prismatic_and_revolute_joints_together(arm_from_links, path, first_touc
         ],
     )
     arm = robot.arm(tcp="tip")
-    checker = CollisionChecker(arm, Scene([Obstacle("post", Box(0.01, 0.01, 1), pose((0.9, 0, 0.4)))]))
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("post", pp.Box(0.01, 0.01, 1), pp.pose((0.9, 0, 0.4)))]))
     upright, tilting = path(arm, [0, 0], [0.7, 0]), path(arm, [0, 0], [0.7, 0.9])
-    free = certify(upright, checker)
+    free = pp.certify(upright, checker)
     assert free.status is FREE
     assert free.clearance <= checker.clearance(upright.end)
-    colliding = certify(tilting, checker)
+    colliding = pp.certify(tilting, checker)
     assert colliding.status is COLLIDING
     assert colliding.first_contact.bodies == ("arm", "post")
     assert colliding.first_contact.time == pytest.approx(first_touch(checker, tilting), abs=1e-3)
@@ -215,10 +200,10 @@ def test_prismatic_and_revolute_joints_together(arm_from_links, path, first_touc
 def test_the_arm_against_itself(ur5, path, first_touch):
     """The elbow folds until the wrist meets the upper arm."""
     folding = path(ur5, ur5.home, [0, -1.5, 3.1, -1.5, -1.5, 0])
-    certificate = certify(folding, CollisionChecker(ur5))
+    certificate = pp.certify(folding, pp.CollisionChecker(ur5))
     assert certificate.status is COLLIDING
     assert "upper_arm_link" in certificate.first_contact.bodies
-    assert certificate.first_contact.time == pytest.approx(first_touch(CollisionChecker(ur5), folding), abs=1e-3)
+    assert certificate.first_contact.time == pytest.approx(first_touch(pp.CollisionChecker(ur5), folding), abs=1e-3)
 
 
 def test_a_mimic_follower_sweeps(arm_from_links, path):
@@ -233,12 +218,12 @@ def test_a_mimic_follower_sweeps(arm_from_links, path):
     )
     arm = robot.arm(tcp="tip")
     angle = 1.62  # of the follower: the bar is 0.9 rad in the middle, 1.8 rad at the end of the edge
-    peg = Obstacle("peg", Sphere(0.01), pose((0.5, -0.25 * np.sin(angle), 0.25 * np.cos(angle))))
-    checker = CollisionChecker(arm, Scene([peg]))
+    peg = pp.Obstacle("peg", pp.Sphere(0.01), pp.pose((0.5, -0.25 * np.sin(angle), 0.25 * np.cos(angle))))
+    checker = pp.CollisionChecker(arm, pp.Scene([peg]))
     for lead in (0.0, 0.3, 0.6):
         assert checker.clearance([lead]) > 0.02
-    assert certify(path(arm, [0.0], [0.6]), checker).status is COLLIDING
-    assert certify(path(arm, [0.0], [0.5]), checker).status is FREE
+    assert pp.certify(path(arm, [0.0], [0.6]), checker).status is COLLIDING
+    assert pp.certify(path(arm, [0.0], [0.5]), checker).status is FREE
 
 
 def test_a_held_body_that_does_not_move_is_checked(arm_from_links, path):
@@ -252,10 +237,10 @@ def test_a_held_body_that_does_not_move_is_checked(arm_from_links, path):
             ("aside", "prismatic", "root", "other", "0 1 0", "0 1 0"),
         ],
     )
-    post = Scene([Obstacle("post", Sphere(0.05), pose((0, 1.5, 0)))])
+    post = pp.Scene([pp.Obstacle("post", pp.Sphere(0.05), pp.pose((0, 1.5, 0)))])
     for held, status in ((0.0, FREE), (0.41, COLLIDING), (0.4 - 1e-9, UNDECIDED)):
         arm = robot.arm(tcp="tip", held={"aside": held})
-        certificate = certify(path(arm, [0.0], [1.0]), CollisionChecker(arm, post))
+        certificate = pp.certify(path(arm, [0.0], [1.0]), pp.CollisionChecker(arm, post))
         assert certificate.status is status, str(certificate)
 
 
@@ -269,9 +254,12 @@ def test_a_contact_outweighs_a_pair_that_stays_undecided(arm_from_links, path):
             ("aside", "prismatic", "root", "other", "0 1 0", "0 1 0"),
         ],
     )
-    things = [Obstacle("post", Sphere(0.05), pose((0, 1.1 + 1e-9, 0))), Obstacle("wall", Sphere(0.1), pose((1, 0, 0)))]
+    things = [
+        pp.Obstacle("post", pp.Sphere(0.05), pp.pose((0, 1.1 + 1e-9, 0))),
+        pp.Obstacle("wall", pp.Sphere(0.1), pp.pose((1, 0, 0))),
+    ]
     arm = robot.arm(tcp="tip")
-    certificate = certify(path(arm, [0.0], [1.0]), CollisionChecker(arm, Scene(things)))
+    certificate = pp.certify(path(arm, [0.0], [1.0]), pp.CollisionChecker(arm, pp.Scene(things)))
     assert certificate.status is COLLIDING
     assert certificate.first_contact.bodies == ("arm", "wall")
 
@@ -280,7 +268,7 @@ def test_a_contact_outweighs_a_pair_that_stays_undecided(arm_from_links, path):
 
 
 def test_a_spent_budget_is_undecided_and_reported(ur5, path):
-    certificate = certify(path(ur5, ur5.home, ur5.home + 0.5), CollisionChecker(ur5), max_intervals=1)
+    certificate = pp.certify(path(ur5, ur5.home, ur5.home + 0.5), pp.CollisionChecker(ur5), max_intervals=1)
     assert certificate.status is UNDECIDED
     assert "max_intervals" in certificate.message
 
@@ -292,22 +280,24 @@ def test_an_arm_without_any_body_is_free_at_any_distance(arm_from_links, path):
         ("end", "fixed", "carried", "tip", "0 0 0", "1 0 0"),
     )
     arm = arm_from_links(links, [slide, end]).arm(tcp="tip")
-    certificate = certify(path(arm, [0.0], [0.5]), CollisionChecker(arm))
+    certificate = pp.certify(path(arm, [0.0], [0.5]), pp.CollisionChecker(arm))
     assert certificate.status is FREE
     assert certificate.clearance == np.inf
     assert certificate.pairs == 0
 
 
 def test_nothing_to_check_is_free_at_any_distance(slider, path):
-    certificate = certify(path(slider, [0.0], [1.0]), CollisionChecker(slider))
+    certificate = pp.certify(path(slider, [0.0], [1.0]), pp.CollisionChecker(slider))
     assert certificate.status is FREE
     assert certificate.clearance == np.inf
     assert certificate.pairs == 0
 
 
 def test_excluded_pairs_are_listed_with_the_reason(panda, path):
-    scene = Scene([Obstacle("table", Box(1, 1, 0.1), pose((0, 0, -0.05)))], allowed=[("panda_link0", "table")])
-    certificate = certify(path(panda, panda.home, panda.home), CollisionChecker(panda, scene, margin=0.001))
+    scene = pp.Scene(
+        [pp.Obstacle("table", pp.Box(1, 1, 0.1), pp.pose((0, 0, -0.05)))], allowed=[("panda_link0", "table")]
+    )
+    certificate = pp.certify(path(panda, panda.home, panda.home), pp.CollisionChecker(panda, scene, margin=0.001))
     listed = {frozenset(pair.owners): pair.reason for pair in certificate.excluded}
     assert listed[frozenset(("panda_link0", "table"))] == "allowed by the scene"
     assert listed[frozenset(("panda_link5", "panda_link6"))] == "adjacent: joined by a joint"
@@ -316,13 +306,16 @@ def test_excluded_pairs_are_listed_with_the_reason(panda, path):
 
 
 def test_a_certificate_matches_only_its_own_motion_and_setup(ur5, slider, path):
-    scene, move = Scene([Obstacle("ball", Sphere(0.1), pose((2, 0, 0)))]), path(ur5, ur5.home, ur5.home + 0.1)
-    certificate = certify(move, CollisionChecker(ur5, scene))
+    scene, move = (
+        pp.Scene([pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((2, 0, 0)))]),
+        path(ur5, ur5.home, ur5.home + 0.1),
+    )
+    certificate = pp.certify(move, pp.CollisionChecker(ur5, scene))
     assert certificate.matches(move, ur5, scene)
-    assert certificate.matches(path(ur5, *move.q), ur5, Scene(scene.obstacles))
+    assert certificate.matches(path(ur5, *move.q), ur5, pp.Scene(scene.obstacles))
     assert not certificate.matches(move.reversed(), ur5, scene)
-    assert not certificate.matches(move, ur5, Scene())
-    assert not certificate.matches(move, ur5, Scene(scene.obstacles, allowed=[("base_link", "ball")]))
+    assert not certificate.matches(move, ur5, pp.Scene())
+    assert not certificate.matches(move, ur5, pp.Scene(scene.obstacles, allowed=[("base_link", "ball")]))
     assert not certificate.matches(move, ur5.robot.arm(tcp="ee_link"), scene)
 
 
@@ -337,21 +330,21 @@ def test_other_collision_geometry_is_another_setup(arm_from_links, path):
             ],
         )
         arms.append(robot.arm(tcp="tip"))
-        certificates.append(certify(path(arms[-1], [0.0], [1.0]), CollisionChecker(arms[-1])))
+        certificates.append(pp.certify(path(arms[-1], [0.0], [1.0]), pp.CollisionChecker(arms[-1])))
     move = path(arms[0], [0.0], [1.0])
-    assert certificates[0].matches(move, arms[0], Scene())
-    assert not certificates[0].matches(move, arms[1], Scene())
+    assert certificates[0].matches(move, arms[0], pp.Scene())
+    assert not certificates[0].matches(move, arms[1], pp.Scene())
 
 
 def test_other_joints_and_settings_that_make_no_sense_are_refused(ur5, slider, path):
-    checker = CollisionChecker(ur5)
-    with pytest.raises(InputError, match="joints"):
-        certify(path(slider, [0.0]), checker)
-    with pytest.raises(InputError, match="joints"):
-        certify(JointPath(np.zeros((1, 6)), ur5.joint_names[::-1]), checker)
+    checker = pp.CollisionChecker(ur5)
+    with pytest.raises(pp.InputError, match="joints"):
+        pp.certify(path(slider, [0.0]), checker)
+    with pytest.raises(pp.InputError, match="joints"):
+        pp.certify(pp.JointPath(np.zeros((1, 6)), ur5.joint_names[::-1]), checker)
     for setting in ({"tolerance": 0.0}, {"tolerance": float("nan")}, {"max_intervals": 0}):
-        with pytest.raises(InputError, match="tolerance"):
-            certify(path(ur5, ur5.home), checker, **setting)
+        with pytest.raises(pp.InputError, match="tolerance"):
+            pp.certify(path(ur5, ur5.home), checker, **setting)
 
 
 def test_an_overflowing_pair_is_not_proven_by_the_next_pair(arm_from_links, path):
@@ -373,45 +366,45 @@ def test_an_overflowing_pair_is_not_proven_by_the_next_pair(arm_from_links, path
         ],
     ).arm(tcp="tip")
     move = path(arm, [-1.7e308, 0.0, -0.5], [1.7e308, 0.0, 1.5])
-    checker = CollisionChecker(arm)
+    checker = pp.CollisionChecker(arm)
     assert not checker.is_free(move(0.25))
     with np.errstate(over="ignore", invalid="ignore"):
-        assert certify(move, checker, max_intervals=1).status is UNDECIDED
-        assert certify(move, checker).status is COLLIDING
+        assert pp.certify(move, checker, max_intervals=1).status is UNDECIDED
+        assert pp.certify(move, checker).status is COLLIDING
 
 
 def test_the_same_question_gets_the_same_certificate(panda, path):
-    scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0, 0.3)))])
+    scene = pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.2, 0.2), pp.pose((0.5, 0, 0.3)))])
     move = path(panda, panda.home, panda.home + 0.3)
-    checker = CollisionChecker(panda, scene)
-    first, again = certify(move, checker), certify(move, checker)
-    fresh = certify(move, CollisionChecker(panda, scene))
+    checker = pp.CollisionChecker(panda, scene)
+    first, again = pp.certify(move, checker), pp.certify(move, checker)
+    fresh = pp.certify(move, pp.CollisionChecker(panda, scene))
     for other in (again, fresh):
         assert (other.status, other.clearance, other.intervals) == (first.status, first.clearance, first.intervals)
 
 
 def test_a_graze_that_the_default_tolerance_leaves_open_is_proven_more_finely(slider, path):
     """Between 1e-4 and 1e-6 m; what is stated is taken as it is, and a budget that is spent ends it."""
-    beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 3e-6, 0)))])
-    checker, move = CollisionChecker(slider, beside), path(slider, [0.0], [0.5])
-    assert certify(move, checker, tolerance=1e-4).status is UNDECIDED
-    finer = certify(move, checker)
+    beside = pp.Scene([pp.Obstacle("other", pp.Sphere(0.05), pp.pose((0.123, 0.06 + 3e-6, 0)))])
+    checker, move = pp.CollisionChecker(slider, beside), path(slider, [0.0], [0.5])
+    assert pp.certify(move, checker, tolerance=1e-4).status is UNDECIDED
+    finer = pp.certify(move, checker)
     assert finer.status is FREE
     assert finer.tolerance < 1e-4
-    assert certify(move, checker, max_intervals=3).status is UNDECIDED
-    nearer = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 1e-9, 0)))])
-    grazing = certify(move, CollisionChecker(slider, nearer))
+    assert pp.certify(move, checker, max_intervals=3).status is UNDECIDED
+    nearer = pp.Scene([pp.Obstacle("other", pp.Sphere(0.05), pp.pose((0.123, 0.06 + 1e-9, 0)))])
+    grazing = pp.certify(move, pp.CollisionChecker(slider, nearer))
     assert grazing.status is UNDECIDED
     assert grazing.tolerance == 1e-6
 
 
 def test_the_dictionary_states_the_verdict_with_its_figures(slider, path):
-    blocked = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.5, 0, 0)))])
-    checker, curve = CollisionChecker(slider, blocked, margin=0.002), path(slider, [0.0], [0.2])
-    line = Within(tolerance=0.01, base_from_region=pose(), low=(-1, -1, -1), high=(1, 1, 1))
-    free, hit = certify(curve, checker, constraints=[line]), certify(path(slider, [0.0], [0.7]), checker)
-    out = certify(path(slider, [0.0], [-8.0]), checker)
-    off = certify(path(slider, [0.0], [-1.1]), checker, constraints=[line])
+    blocked = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.5, 0, 0)))])
+    checker, curve = pp.CollisionChecker(slider, blocked, margin=0.002), path(slider, [0.0], [0.2])
+    line = pp.Within(tolerance=0.01, base_from_region=pp.pose(), low=(-1, -1, -1), high=(1, 1, 1))
+    free, hit = pp.certify(curve, checker, constraints=[line]), pp.certify(path(slider, [0.0], [0.7]), checker)
+    out = pp.certify(path(slider, [0.0], [-8.0]), checker)
+    off = pp.certify(path(slider, [0.0], [-1.1]), checker, constraints=[line])
     assert [each.status.name for each in (free, hit, out, off)] == ["FREE", "COLLIDING", "VIOLATED", "VIOLATED"]
     for each in (free, hit, out, off):
         data = each.to_dict()
@@ -441,13 +434,13 @@ def test_finer_tolerances_are_used_only_while_the_verdict_is_undecided(planar_2r
     """The tip of the outer bar passes a wall at a distance of ``gap``."""
     curve, used = path(planar_2r, [-0.3, 0.0], [0.3, 0.0]), []
     for gap in (0.05, 3e-5, 3e-6, -0.001):
-        wall = Obstacle("wall", Box(0.1, 2.0, 0.1), pose((float(np.hypot(1.0, 0.01)) + 0.05 + gap, 0, 0.03)))
-        checker = CollisionChecker(planar_2r, Scene([wall]))
-        certificate = certify(curve, checker)
+        wall = pp.Obstacle("wall", pp.Box(0.1, 2.0, 0.1), pp.pose((float(np.hypot(1.0, 0.01)) + 0.05 + gap, 0, 0.03)))
+        checker = pp.CollisionChecker(planar_2r, pp.Scene([wall]))
+        certificate = pp.certify(curve, checker)
         assert certificate.status is (COLLIDING if gap < 0 else FREE)
-        alone = {t: certify(curve, checker, tolerance=t).status is not UNDECIDED for t in (1e-4, 1e-5, 1e-6)}
+        alone = {t: pp.certify(curve, checker, tolerance=t).status is not UNDECIDED for t in (1e-4, 1e-5, 1e-6)}
         assert certificate.tolerance == next(t for t, decided in alone.items() if decided)
-        assert certify(curve, checker, max_intervals=1).tolerance == 1e-4
+        assert pp.certify(curve, checker, max_intervals=1).tolerance == 1e-4
         if gap > 0:
             assert f"at least {np.floor(certificate.clearance * 1e4) / 10:.1f} mm" in certificate.message
         used.append(certificate.tolerance)
@@ -456,7 +449,7 @@ def test_finer_tolerances_are_used_only_while_the_verdict_is_undecided(planar_2r
 
 
 def test_a_certificate_without_pairs_has_an_unbounded_clearance(slider, path):
-    certificate = certify(path(slider, [0.0], [0.2]), CollisionChecker(slider))
+    certificate = pp.certify(path(slider, [0.0], [0.2]), pp.CollisionChecker(slider))
     assert (certificate.free, certificate.clearance, certificate.pairs) == (True, np.inf, 0)
     assert "unbounded" in str(certificate) or "no pair" in str(certificate)
     record = certificate.motion_record()

@@ -10,22 +10,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    Arm,
-    Box,
-    Capsule,
-    CertificateStatus,
-    CollisionChecker,
-    Cylinder,
-    JointPath,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    certify,
-    load_robot,
-    pose,
-)
+import pinproof as pp
 from pinproof.motion import CubicPath
 
 from ..examples import examples
@@ -37,26 +22,26 @@ def torus(mesh_file):
 
 
 @cache
-def arm_of(name: str) -> Arm:
+def arm_of(name: str) -> pp.Arm:
     """One arm of each robot: another one would sample again which of its links touch by design."""
-    return load_robot(name).arm()
+    return pp.load_robot(name).arm()
 
 
-def random_scene(rng, torus) -> Scene:
+def random_scene(rng, torus) -> pp.Scene:
     obstacles = []
     for i in range(rng.integers(1, 5)):
         size, at = rng.uniform(0.02, 0.2), rng.normal(size=3)
         shape = (
-            Box(size, 2 * size, size / 2),
-            Box(0.4, 0.3, float(rng.choice([1e-4, 1e-3, 5e-3]))),
-            Sphere(size),
-            Cylinder(0.4 * size, 2 * size),
-            Capsule(0.3 * size, 2 * size),
-            Mesh(torus, hull=bool(rng.integers(2))),
+            pp.Box(size, 2 * size, size / 2),
+            pp.Box(0.4, 0.3, float(rng.choice([1e-4, 1e-3, 5e-3]))),
+            pp.Sphere(size),
+            pp.Cylinder(0.4 * size, 2 * size),
+            pp.Capsule(0.3 * size, 2 * size),
+            pp.Mesh(torus, hull=bool(rng.integers(2))),
         )[rng.integers(6)]
         at *= rng.uniform(0.35, 1.0) / np.linalg.norm(at)
-        obstacles.append(Obstacle(f"thing_{i}", shape, pose(at, rng.uniform(-3, 3, 3))))
-    return Scene(obstacles)
+        obstacles.append(pp.Obstacle(f"thing_{i}", shape, pp.pose(at, rng.uniform(-3, 3, 3))))
+    return pp.Scene(obstacles)
 
 
 def random_curve(rng, arm, checker):
@@ -66,7 +51,7 @@ def random_curve(rng, arm, checker):
     end = start + rng.normal(size=arm.dof) * rng.choice([0.2, 0.6, 1.5])
     if rng.random() < 0.4:
         return CubicPath.through(np.stack([start, start + rng.normal(size=arm.dof) * 0.5, end]), arm.joint_names)
-    return JointPath(np.stack([start, end]), arm.joint_names)
+    return pp.JointPath(np.stack([start, end]), arm.joint_names)
 
 
 @pytest.mark.slow
@@ -75,17 +60,17 @@ def random_curve(rng, arm, checker):
 @given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.002, 0.01]))
 def test_no_verdict_is_wrong(oracle, torus, name, seed, margin):
     arm, rng = arm_of(name), np.random.default_rng(seed)
-    checker = CollisionChecker(arm, random_scene(rng, torus), margin=margin)
+    checker = pp.CollisionChecker(arm, random_scene(rng, torus), margin=margin)
     curve, independent = random_curve(rng, arm, checker), oracle(checker)
-    certificate = certify(curve, checker, max_intervals=2000, limits=None)
+    certificate = pp.certify(curve, checker, max_intervals=2000, limits=None)
     first, last = curve.domain
-    if certificate.status is CertificateStatus.FREE:
+    if certificate.status is pp.CertificateStatus.FREE:
         seen = min(independent.clearance(q) for q in curve(np.linspace(first, last, 40)))
         assert seen > margin
         assert seen >= certificate.clearance - 1e-9
         assert certificate.clearance > margin
         assert certificate.observed >= certificate.clearance
-    elif certificate.status is CertificateStatus.COLLIDING:
+    elif certificate.status is pp.CertificateStatus.COLLIDING:
         contact = certificate.first_contact
         assert contact.distance <= margin
         if contact.distance >= 0:  # what lies wholly inside a hull is not seen by the oracle

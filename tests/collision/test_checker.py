@@ -11,19 +11,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CollisionChecker,
-    InputError,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    UnknownNameError,
-    certify,
-    load_robot,
-    pose,
-)
+import pinproof as pp
 from pinproof.collision.checking.placed_bodies import GJK_SLACK
 
 
@@ -47,11 +35,11 @@ def test_the_base_is_checked_against_the_scene(ur5):
         model.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), coal.Box(1, 1, 1)))
     model.addAllCollisionPairs()
     assert len(model.collisionPairs) == 0  # the trap
-    through_base = Scene([Obstacle("table", Box(1, 1, 0.05), pose((0, 0, 0.02)))])
-    contacts = CollisionChecker(ur5, through_base).check(ur5.home).contacts
+    through_base = pp.Scene([pp.Obstacle("table", pp.Box(1, 1, 0.05), pp.pose((0, 0, 0.02)))])
+    contacts = pp.CollisionChecker(ur5, through_base).check(ur5.home).contacts
     assert ("base_link", "table") in [contact.bodies for contact in contacts]
-    standing = Scene(through_base.obstacles, allowed=[("base_link", "table")])
-    checker = CollisionChecker(ur5, standing)
+    standing = pp.Scene(through_base.obstacles, allowed=[("base_link", "table")])
+    checker = pp.CollisionChecker(ur5, standing)
     assert ("base_link", "table") not in [contact.bodies for contact in checker.check(ur5.home).contacts]
     assert reasons(checker)[frozenset(("base_link", "table"))] == "allowed by the scene"
 
@@ -62,55 +50,62 @@ def test_a_capsule_of_a_urdf_collides(arm_from_links):
         {"root": "", "pipe": '<capsule radius="0.05" length="0.4"/>', "tip": ""},
         [("turn", "revolute", "root", "pipe", "0 0 0", "1 0 0"), ("end", "fixed", "pipe", "tip", "0 0 0.3", "1 0 0")],
     )
-    checker = CollisionChecker(robot.arm(tcp="tip"), Scene([Obstacle("ball", Sphere(0.05), pose((0, 0, 0.32)))]))
+    checker = pp.CollisionChecker(
+        robot.arm(tcp="tip"), pp.Scene([pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0, 0, 0.32)))])
+    )
     assert checker.clearance([0.0]) == pytest.approx(0.02, abs=1e-7)  # 0.32 - 0.2 - 0.05 - 0.05
     assert checker.clearance([np.pi / 2]) == pytest.approx(0.22, abs=1e-7)
-    assert not CollisionChecker(robot.arm(tcp="tip"), checker.scene, margin=0.03).is_free([0.0])
+    assert not pp.CollisionChecker(robot.arm(tcp="tip"), checker.scene, margin=0.03).is_free([0.0])
 
 
 def test_obstacles_are_never_checked_against_each_other(slider):
-    pile = [Obstacle(f"can_{i}", Sphere(0.1), pose((1, 0, 0.01 * i))) for i in range(4)]
-    checker = CollisionChecker(slider, Scene(pile))
+    pile = [pp.Obstacle(f"can_{i}", pp.Sphere(0.1), pp.pose((1, 0, 0.01 * i))) for i in range(4)]
+    checker = pp.CollisionChecker(slider, pp.Scene(pile))
     assert checker.is_free([0.0])
     assert len(checker.pairs) == 4
     assert checker.excluded == ()
 
 
 def test_a_wrong_configuration_is_refused_and_names_the_joints(ur5):
-    checker = CollisionChecker(ur5)
+    checker = pp.CollisionChecker(ur5)
     for ask in (checker.is_free, checker.check, checker.clearance):
         for q in (np.zeros(5), np.zeros((1, 6)), np.full(6, np.nan), "home"):
-            with pytest.raises(InputError, match="shoulder_pan_joint"):
+            with pytest.raises(pp.InputError, match="shoulder_pan_joint"):
                 ask(q)
 
 
 @pytest.mark.parametrize("margin", [-1e-9, float("nan"), float("inf"), 10**400])
 def test_a_margin_that_makes_no_sense_is_refused(slider, margin):
-    with pytest.raises(InputError, match="margin"):
-        CollisionChecker(slider, margin=margin)
+    with pytest.raises(pp.InputError, match="margin"):
+        pp.CollisionChecker(slider, margin=margin)
 
 
 def test_names_that_clash_or_do_not_exist_are_refused(ur5):
     for name in ("forearm_link", "forearm_link_0", "tool0"):
-        with pytest.raises(InputError, match=name):
-            CollisionChecker(ur5, Scene([Obstacle(name, Sphere(0.1))]))
-    with pytest.raises(InputError, match="'tool'"):
-        CollisionChecker(ur5, Scene([Obstacle("tool", Sphere(0.1))]), attached=[Obstacle("tool", Sphere(0.1))])
+        with pytest.raises(pp.InputError, match=name):
+            pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle(name, pp.Sphere(0.1))]))
+    with pytest.raises(pp.InputError, match="'tool'"):
+        pp.CollisionChecker(
+            ur5, pp.Scene([pp.Obstacle("tool", pp.Sphere(0.1))]), attached=[pp.Obstacle("tool", pp.Sphere(0.1))]
+        )
     for allowed in ([("forearm", "wrist_3_link")], [("wrist_3_link", "tabel")]):
-        with pytest.raises(UnknownNameError, match="allowed by the caller"):
-            CollisionChecker(ur5, allowed=allowed)
-    with pytest.raises(UnknownNameError, match="hull"):
-        CollisionChecker(ur5, link_meshes="convex")
+        with pytest.raises(pp.UnknownNameError, match="allowed by the caller"):
+            pp.CollisionChecker(ur5, allowed=allowed)
+    with pytest.raises(pp.UnknownNameError, match="hull"):
+        pp.CollisionChecker(ur5, link_meshes="convex")
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
 @pytest.mark.parametrize("margin", [0.0, 0.01])
 def test_the_three_questions_agree(request, name, margin):
     arm = request.getfixturevalue(name)
-    scene = Scene(
-        [Obstacle("table", Box(2, 2, 0.1), pose((0, 0, -0.2))), Obstacle("b", Sphere(0.2), pose((0.5, 0, 0.4)))]
+    scene = pp.Scene(
+        [
+            pp.Obstacle("table", pp.Box(2, 2, 0.1), pp.pose((0, 0, -0.2))),
+            pp.Obstacle("b", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4))),
+        ]
     )
-    checker = CollisionChecker(arm, scene, margin=margin)
+    checker = pp.CollisionChecker(arm, scene, margin=margin)
     verdicts = []
     for q in random_q(arm, 150):
         clearance, result = checker.clearance(q), checker.check(q)
@@ -129,8 +124,10 @@ def test_the_three_questions_agree(request, name, margin):
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
 def test_distances_agree_with_the_oracle(request, oracle, name):
     arm = request.getfixturevalue(name)
-    scene = Scene([Obstacle("box", Box(0.2, 0.3, 0.4), pose((0.5, 0.2, 0.3), (0.3, 0.2, 0.1)))])
-    checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.1), pose((0, 0, 0.06)))])
+    scene = pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.3, 0.4), pp.pose((0.5, 0.2, 0.3), (0.3, 0.2, 0.1)))])
+    checker = pp.CollisionChecker(
+        arm, scene, attached=[pp.Obstacle("tool", pp.Box(0.02, 0.02, 0.1), pp.pose((0, 0, 0.06)))]
+    )
     independent = oracle(checker)
     for q in random_q(arm, 12):
         expected, space = independent.distances(q), checker.placed(arm.configuration(q))
@@ -143,7 +140,7 @@ def test_distances_agree_with_the_oracle(request, oracle, name):
 
 
 def test_threads_get_equal_answers(ur5):
-    checker = CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))]))
+    checker = pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))]))
     many = random_q(ur5, 400)
     alone = [checker.clearance(q) for q in many]
     with ThreadPoolExecutor(4) as pool:
@@ -153,13 +150,13 @@ def test_threads_get_equal_answers(ur5):
 def test_a_result_does_not_depend_on_earlier_queries(ur5):
     """Pinocchio's own requests start GJK where the last query ended; answers moved by up to 7e-7 m then."""
     many = random_q(ur5, 150)
-    first, second = CollisionChecker(ur5), CollisionChecker(ur5)
+    first, second = pp.CollisionChecker(ur5), pp.CollisionChecker(ur5)
     assert [first.clearance(q) for q in many] == [second.clearance(q) for q in many[::-1]][::-1]
 
 
 def test_a_checker_survives_pickling(ur5, mesh_file):
-    scene = Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))], allowed=[("base_link", "ball")])
-    checker = CollisionChecker(ur5, scene, margin=0.01, attached=[Obstacle("tool", Box(0.1, 0.1, 0.1))])
+    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))], allowed=[("base_link", "ball")])
+    checker = pp.CollisionChecker(ur5, scene, margin=0.01, attached=[pp.Obstacle("tool", pp.Box(0.1, 0.1, 0.1))])
     copy = pickle.loads(pickle.dumps(checker))
     many = random_q(ur5, 40)
     assert [copy.clearance(q) for q in many] == [checker.clearance(q) for q in many]
@@ -169,26 +166,26 @@ def test_a_checker_survives_pickling(ur5, mesh_file):
 
 
 def test_another_setting_is_another_fingerprint(ur5):
-    scene = Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))])
+    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))])
     variants = [
-        CollisionChecker(ur5, scene),
-        CollisionChecker(ur5, scene, margin=1e-3),
-        CollisionChecker(ur5, scene, link_meshes="mesh"),
-        CollisionChecker(ur5, scene, trust_disabled=True),
-        CollisionChecker(ur5, scene, allowed=[("base_link", "ball")]),
-        CollisionChecker(ur5, scene, attached=[Obstacle("tool", Sphere(0.01))]),
-        CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.21), pose((0.5, 0, 0.4)))])),
-        CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.41)))])),
+        pp.CollisionChecker(ur5, scene),
+        pp.CollisionChecker(ur5, scene, margin=1e-3),
+        pp.CollisionChecker(ur5, scene, link_meshes="mesh"),
+        pp.CollisionChecker(ur5, scene, trust_disabled=True),
+        pp.CollisionChecker(ur5, scene, allowed=[("base_link", "ball")]),
+        pp.CollisionChecker(ur5, scene, attached=[pp.Obstacle("tool", pp.Sphere(0.01))]),
+        pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.21), pp.pose((0.5, 0, 0.4)))])),
+        pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.41)))])),
     ]
     prints = [checker.fingerprint() for checker in variants]
     assert len(set(prints)) == len(prints)
-    assert CollisionChecker(ur5, scene).fingerprint() == prints[0]
+    assert pp.CollisionChecker(ur5, scene).fingerprint() == prints[0]
 
 
 def test_never_pairs_are_checked_unless_trusted(panda):
     never = {frozenset(pair.links) for pair in panda.robot.srdf.disabled if pair.reason == "Never"}
     other = {frozenset(pair.links): pair.reason for pair in panda.robot.srdf.disabled if pair.reason != "Never"}
-    careful, trusting = CollisionChecker(panda), CollisionChecker(panda, trust_disabled=True)
+    careful, trusting = pp.CollisionChecker(panda), pp.CollisionChecker(panda, trust_disabled=True)
     solid = {body.owner for body in careful.bodies}
     never = {pair for pair in never if pair <= solid}
     assert len(never) > 10
@@ -205,7 +202,7 @@ def test_pairs_disabled_without_a_reason_are_checked_unless_trusted(ur5):
     """The SRDF of the UR5 disables the forearm against the wrist, which do meet."""
     pair = frozenset(("forearm_link", "wrist_3_link"))
     assert pair in {frozenset(disabled.links) for disabled in ur5.robot.srdf.disabled if not disabled.reason}
-    careful, trusting = CollisionChecker(ur5, link_meshes="mesh"), CollisionChecker(ur5, trust_disabled=True)
+    careful, trusting = pp.CollisionChecker(ur5, link_meshes="mesh"), pp.CollisionChecker(ur5, trust_disabled=True)
     assert pair in checked(careful)
     assert reasons(trusting)[pair] == "SRDF: disabled without a reason"
     found = set()
@@ -216,23 +213,23 @@ def test_pairs_disabled_without_a_reason_are_checked_unless_trusted(ur5):
 
 def test_an_allowed_collision_matrix_is_used_only_on_request(ur5):
     pair = ("base_link", "wrist_3_link")
-    scene = Scene(disabled=[pair])
-    assert frozenset(pair) in checked(CollisionChecker(ur5, scene))
-    trusting = CollisionChecker(ur5, scene, trust_disabled=True)
+    scene = pp.Scene(disabled=[pair])
+    assert frozenset(pair) in checked(pp.CollisionChecker(ur5, scene))
+    trusting = pp.CollisionChecker(ur5, scene, trust_disabled=True)
     assert reasons(trusting)[frozenset(pair)] == "scene: disabled without a reason"
 
 
 def test_a_body_allowed_to_touch_itself_is_refused(ur5):
-    scene = Scene([Obstacle("ball", Sphere(0.1))])
-    with pytest.raises(InputError, match="'ball' twice"):
-        CollisionChecker(ur5, scene, allowed=[("ball", "ball")])
-    with pytest.raises(InputError, match="names 'ball' twice"):
-        Scene(scene.obstacles, allowed=[("ball", "ball")])
+    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.1))])
+    with pytest.raises(pp.InputError, match="'ball' twice"):
+        pp.CollisionChecker(ur5, scene, allowed=[("ball", "ball")])
+    with pytest.raises(pp.InputError, match="names 'ball' twice"):
+        pp.Scene(scene.obstacles, allowed=[("ball", "ball")])
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
 def test_every_pair_of_links_is_either_checked_or_listed(request, name):
-    checker = CollisionChecker(request.getfixturevalue(name))
+    checker = pp.CollisionChecker(request.getfixturevalue(name))
     owners = sorted({body.owner for body in checker.bodies})
     everything = {frozenset((a, b)) for a in owners for b in owners if a != b}
     assert checked(checker) | set(reasons(checker)) == everything
@@ -251,7 +248,7 @@ def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
             ("end", "fixed", "c", "tip", *turn),
         ],
     )
-    checker = CollisionChecker(robot.arm(tcp="tip"))
+    checker = pp.CollisionChecker(robot.arm(tcp="tip"))
     assert checked(checker) == {frozenset("ac")}
     assert reasons(checker) == {
         frozenset("ab"): "adjacent: only links without geometry between them (empty), joints 5 mm apart "
@@ -271,7 +268,7 @@ def test_adjacency_does_not_reach_along_a_link_without_geometry_that_has_length(
             ("end", "fixed", "b", "tip", *turn),
         ],
     )
-    assert checked(CollisionChecker(robot.arm(tcp="tip"))) == {frozenset("ab")}
+    assert checked(pp.CollisionChecker(robot.arm(tcp="tip"))) == {frozenset("ab")}
 
 
 @pytest.mark.parametrize("kinds", [("prismatic", "revolute"), ("revolute", "prismatic")])
@@ -284,7 +281,7 @@ def test_links_on_both_sides_of_an_empty_prismatic_link_are_not_adjacent(arm_fro
             ("end", "fixed", "bar", "tip", "0 0 0", "1 0 0"),
         ],
     )
-    checker = CollisionChecker(robot.arm(tcp="tip"))
+    checker = pp.CollisionChecker(robot.arm(tcp="tip"))
     assert checked(checker) == {frozenset(("rail", "bar"))}
     out = np.array([1.2 if kind == "prismatic" else 0.0 for kind in kinds])
     assert checker.is_free(np.zeros(2))
@@ -301,33 +298,33 @@ def test_adjacency_does_not_reach_from_finger_to_finger_across_an_empty_palm(arm
             ("end", "fixed", "left", "tip", "0 0 0.1", "1 0 0"),
         ],
     )
-    assert checked(CollisionChecker(robot.arm(tcp="tip"))) == {frozenset(("left", "right"))}
+    assert checked(pp.CollisionChecker(robot.arm(tcp="tip"))) == {frozenset(("left", "right"))}
 
 
 def test_an_attached_object_collides_and_is_listed(ur5):
-    tool = Obstacle("gripper", Box(0.02, 0.02, 0.3), pose((0, 0, 0.16)))
-    below = ur5.forward_kinematics(ur5.home) * pose((0, 0, 0.25))
-    scene = Scene([Obstacle("part", Sphere(0.03), below)])
-    assert CollisionChecker(ur5, scene).is_free(ur5.home)
-    checker = CollisionChecker(ur5, scene, attached=[tool])
+    tool = pp.Obstacle("gripper", pp.Box(0.02, 0.02, 0.3), pp.pose((0, 0, 0.16)))
+    below = ur5.forward_kinematics(ur5.home) * pp.pose((0, 0, 0.25))
+    scene = pp.Scene([pp.Obstacle("part", pp.Sphere(0.03), below)])
+    assert pp.CollisionChecker(ur5, scene).is_free(ur5.home)
+    checker = pp.CollisionChecker(ur5, scene, attached=[tool])
     assert [contact.bodies for contact in checker.check(ur5.home).contacts] == [("gripper", "part")]
     assert reasons(checker)[frozenset(("wrist_3_link", "gripper"))].startswith("rigid")
     assert {frozenset(("gripper", link)) for link in ("wrist_2_link", "forearm_link", "base_link")} <= checked(checker)
-    allowing = CollisionChecker(ur5, scene, attached=[tool], allowed=[("gripper", "part")])
+    allowing = pp.CollisionChecker(ur5, scene, attached=[tool], allowed=[("gripper", "part")])
     assert allowing.is_free(ur5.home)
     assert reasons(allowing)[frozenset(("gripper", "part"))] == "allowed by the caller"
 
 
 def test_held_joints_keep_their_values_and_change_the_kinematics():
-    robot = load_robot("panda")
+    robot = pp.load_robot("panda")
     fingers = {"panda_finger_joint1": 0.04}
     if robot.urdf.joints["panda_finger_joint2"].mimic is None:
         fingers["panda_finger_joint2"] = 0.04
     closed, opened = robot.arm(held=dict.fromkeys(fingers, 0.0)), robot.arm(held=fingers)
     tcp = closed.forward_kinematics(closed.home)
-    beside = Scene([Obstacle("peg", Sphere(0.005), tcp * pose((0, 0.045, -0.005)))])
-    assert CollisionChecker(closed, beside).is_free(closed.home)
-    contacts = CollisionChecker(opened, beside).check(opened.home).contacts
+    beside = pp.Scene([pp.Obstacle("peg", pp.Sphere(0.005), tcp * pp.pose((0, 0.045, -0.005)))])
+    assert pp.CollisionChecker(closed, beside).is_free(closed.home)
+    contacts = pp.CollisionChecker(opened, beside).check(opened.home).contacts
     assert {contact.bodies for contact in contacts} == {("panda_leftfinger", "peg")}
 
 
@@ -343,15 +340,15 @@ def test_a_mimic_follower_moves_with_its_leader(arm_from_links):
     arm = robot.arm(tcp="tip")
     at = 0.7
     angle = -2 * at + 0.1
-    ball = Obstacle("ball", Sphere(0.01), pose((0.5, -0.15 * np.sin(angle), 0.15 * np.cos(angle))))
-    checker = CollisionChecker(arm, Scene([ball]))
+    ball = pp.Obstacle("ball", pp.Sphere(0.01), pp.pose((0.5, -0.15 * np.sin(angle), 0.15 * np.cos(angle))))
+    checker = pp.CollisionChecker(arm, pp.Scene([ball]))
     assert [contact.bodies for contact in checker.check([at]).contacts] == [("b", "ball")]
     assert checker.is_free([at + 0.2])
 
 
 def test_a_scene_handed_over_cannot_be_changed_behind_the_checker(slider):
-    wall = Obstacle("wall", Box(0.1, 1, 1), pose((1, 0, 0)))
-    checker = CollisionChecker(slider, Scene([wall]))
+    wall = pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((1, 0, 0)))
+    checker = pp.CollisionChecker(slider, pp.Scene([wall]))
     with pytest.raises(AttributeError, match="read-only"):
         wall.pose.translation = np.array([9.0, 0, 0])
     assert checker.clearance([0.0]) == pytest.approx(0.94, abs=1e-7)
@@ -359,7 +356,7 @@ def test_a_scene_handed_over_cannot_be_changed_behind_the_checker(slider):
 
 def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last(panda):
     """Bodies with one joint between them: the direction found at q = 0, kept with the pair, in the first's frame."""
-    checker = CollisionChecker(panda)
+    checker = pp.CollisionChecker(panda)
     owners = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
     k = owners.index(("panda_link6", "panda_hand"))
     begin = checker.world.first_directions
@@ -376,9 +373,9 @@ def test_a_certificate_observes_the_distance_of_bodies_that_no_joint_moves(arm_f
         {"root": '<box size="0.1 0.1 0.1"/>', "ball": '<sphere radius="0.01"/>@0 5 0'},
         [("slide", "prismatic", "root", "ball", "0 0 0", "1 0 0")],
     ).arm(tcp="ball")
-    post = Mesh(mesh_file(trimesh.creation.box((0.1, 0.1, 0.1))), hull=hull)
-    checker = CollisionChecker(arm, Scene([Obstacle("post", post, pose((0.15, 0, 0)))]))
-    certificate = certify(path(arm, [0.0], [0.2]), checker)
+    post = pp.Mesh(mesh_file(trimesh.creation.box((0.1, 0.1, 0.1))), hull=hull)
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("post", post, pp.pose((0.15, 0, 0)))]))
+    certificate = pp.certify(path(arm, [0.0], [0.2]), checker)
     assert certificate.free
     assert 0.0499 < certificate.clearance <= certificate.observed == pytest.approx(0.05, abs=1e-5)
     assert checker.clearance([0.0]) == pytest.approx(0.05, abs=1e-5)

@@ -9,23 +9,11 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CollisionChecker,
-    HalfSpace,
-    InputError,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    UnknownNameError,
-    load_robot,
-    pose,
-)
+import pinproof as pp
 
-BALL = Obstacle("ball", Sphere(0.1), pose((0.5, 0.1, 0.4)))
-TABLE = Obstacle("table", Box(1.0, 1.0, 0.05), pose((0.6, 0, -0.1)))
-TOOL = Obstacle("tool", Box(0.05, 0.05, 0.2), pose((0, 0, 0.1)))
+BALL = pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0.5, 0.1, 0.4)))
+TABLE = pp.Obstacle("table", pp.Box(1.0, 1.0, 0.05), pp.pose((0.6, 0, -0.1)))
+TOOL = pp.Obstacle("tool", pp.Box(0.05, 0.05, 0.2), pp.pose((0, 0, 0.1)))
 
 
 def random_q(arm, count, seed=0):
@@ -41,61 +29,64 @@ def same(one, other, arm):
 
 
 def test_a_derived_checker_equals_a_new_one(ur5):
-    checker = CollisionChecker(ur5, Scene([BALL, TABLE]))
-    same(checker.with_margin(0.01), CollisionChecker(ur5, checker.scene, margin=0.01), ur5)
-    same(checker.with_scene(Scene([TABLE])), CollisionChecker(ur5, Scene([TABLE])), ur5)
-    same(checker.with_attached(TOOL), CollisionChecker(ur5, checker.scene, attached=[TOOL]), ur5)
+    checker = pp.CollisionChecker(ur5, pp.Scene([BALL, TABLE]))
+    same(checker.with_margin(0.01), pp.CollisionChecker(ur5, checker.scene, margin=0.01), ur5)
+    same(checker.with_scene(pp.Scene([TABLE])), pp.CollisionChecker(ur5, pp.Scene([TABLE])), ur5)
+    same(checker.with_attached(TOOL), pp.CollisionChecker(ur5, checker.scene, attached=[TOOL]), ur5)
     allowed = [("forearm_link", "ball")]
-    same(checker.allowing(*allowed), CollisionChecker(ur5, checker.scene, allowed=allowed), ur5)
+    same(checker.allowing(*allowed), pp.CollisionChecker(ur5, checker.scene, allowed=allowed), ur5)
     grasp = checker.with_attached(TOOL).allowing(("tool", "ball")).with_margin(0.002)
-    same(grasp, CollisionChecker(ur5, checker.scene, margin=0.002, attached=[TOOL], allowed=[("tool", "ball")]), ur5)
+    same(grasp, pp.CollisionChecker(ur5, checker.scene, margin=0.002, attached=[TOOL], allowed=[("tool", "ball")]), ur5)
     same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
 
 
 def test_another_scene_keeps_what_is_stated_of_attached_objects(ur5):
     """Margins and allowed contacts of both objects are kept, those of a removed obstacle are dropped."""
-    grip = Obstacle("grip", Box(0.02, 0.02, 0.02), pose((0, 0, 0.02)))
+    grip = pp.Obstacle("grip", pp.Box(0.02, 0.02, 0.02), pp.pose((0, 0, 0.02)))
     stated = {
         "attached": [grip, TOOL],
         "allowed": [("grip", "table"), ("forearm_link", "tool")],
         "margins": {("tool", "table"): 0.02, ("grip", "upper_arm_link"): 0.01},
     }
     of_ball = {"allowed": [("tool", "ball")], "margins": {("grip", "ball"): 0.03}}
-    checker = CollisionChecker(
+    checker = pp.CollisionChecker(
         ur5,
-        Scene([BALL, TABLE]),
+        pp.Scene([BALL, TABLE]),
         attached=stated["attached"],
         allowed=[*stated["allowed"], *of_ball["allowed"]],
         margins=stated["margins"] | of_ball["margins"],
     )
-    same(checker.with_scene(Scene([TABLE])), CollisionChecker(ur5, Scene([TABLE]), **stated), ur5)
+    same(checker.with_scene(pp.Scene([TABLE])), pp.CollisionChecker(ur5, pp.Scene([TABLE]), **stated), ur5)
 
 
 def test_a_checker_with_held_joints_equals_that_of_the_arm_with_these():
-    arm = load_robot("panda").arm()
-    checker, held = CollisionChecker(arm, Scene([BALL])), {"panda_finger_joint1": 0.03}
+    arm = pp.load_robot("panda").arm()
+    checker, held = pp.CollisionChecker(arm, pp.Scene([BALL])), {"panda_finger_joint1": 0.03}
     other = checker.with_held(held)
-    same(other, CollisionChecker(arm.with_held(held), Scene([BALL])), arm)
+    same(other, pp.CollisionChecker(arm.with_held(held), pp.Scene([BALL])), arm)
     assert other.group.held["panda_finger_joint1"] == 0.03
     assert other.fingerprint() != checker.fingerprint()
     same(other.with_held(arm.held), checker, arm)
 
 
 def test_deriving_does_not_change_the_checker(ur5):
-    checker, fresh = CollisionChecker(ur5, Scene([BALL])), CollisionChecker(ur5, Scene([BALL]))
+    checker, fresh = pp.CollisionChecker(ur5, pp.Scene([BALL])), pp.CollisionChecker(ur5, pp.Scene([BALL]))
     checker.is_free(np.zeros(6))
-    derived = [checker.with_margin(0.1), checker.with_scene(Scene()), checker.with_attached(TOOL)]
+    derived = [checker.with_margin(0.1), checker.with_scene(pp.Scene()), checker.with_attached(TOOL)]
     for other in derived:
         other.is_free(np.zeros(6))
     same(checker, fresh, ur5)
 
 
 def test_a_margin_of_a_single_pair_goes_before_the_common_one(slider):
-    scene = Scene(
-        [Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0))), Obstacle("wall", Box(1, 0.1, 1), pose((0, -0.2, 0)))]
+    scene = pp.Scene(
+        [
+            pp.Obstacle("part", pp.Sphere(0.04), pp.pose((0.0, 0.1, 0))),
+            pp.Obstacle("wall", pp.Box(1, 0.1, 1), pp.pose((0, -0.2, 0))),
+        ]
     )
     for part, common, free in ((0.049, 0.139, True), (0.051, 0.139, False), (0.049, 0.141, False)):
-        checker = CollisionChecker(slider, scene, margin=common, margins={("part", "ball"): part})
+        checker = pp.CollisionChecker(slider, scene, margin=common, margins={("part", "ball"): part})
         assert checker.is_free([0.0]) is free
         assert checker.check([0.0]).free is free
         assert checker.is_free_batch([[0.0]]).tolist() == [free]
@@ -104,10 +95,10 @@ def test_a_margin_of_a_single_pair_goes_before_the_common_one(slider):
 
 
 def test_single_margins_of_removed_bodies_are_dropped(slider):
-    scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
-    checker = CollisionChecker(slider, scene, margins={("part", "ball"): 0.06}, allowed=[])
+    scene = pp.Scene([pp.Obstacle("part", pp.Sphere(0.04), pp.pose((0.0, 0.1, 0)))])
+    checker = pp.CollisionChecker(slider, scene, margins={("part", "ball"): 0.06}, allowed=[])
     assert not checker.is_free([0.0])
-    assert checker.with_scene(Scene()).is_free([0.0])
+    assert checker.with_scene(pp.Scene()).is_free([0.0])
 
 
 @pytest.mark.parametrize(
@@ -121,24 +112,28 @@ def test_single_margins_of_removed_bodies_are_dropped(slider):
     ],
 )
 def test_margins_that_make_no_sense_are_refused(slider, margins):
-    scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
-    with pytest.raises(InputError):
-        CollisionChecker(slider, scene, margins=margins)
+    scene = pp.Scene([pp.Obstacle("part", pp.Sphere(0.04), pp.pose((0.0, 0.1, 0)))])
+    with pytest.raises(pp.InputError):
+        pp.CollisionChecker(slider, scene, margins=margins)
 
 
 @pytest.mark.parametrize("unknown", ["nobody", "aaa"])
 def test_a_margin_for_an_unknown_name_is_refused(slider, unknown):
-    with pytest.raises(UnknownNameError, match="ball"):
-        CollisionChecker(slider, margins={(unknown, "ball"): 0.1})
+    with pytest.raises(pp.UnknownNameError, match="ball"):
+        pp.CollisionChecker(slider, margins={(unknown, "ball"): 0.1})
 
 
 @pytest.mark.parametrize("far", range(3))
 def test_the_allowance_for_rounding_grows_with_the_farthest_body(slider, far):
     """Whichever of the obstacles it is; a free configuration is then free by more."""
-    places = [pose((0, 1, 0)), pose((0, 2, 0)), pose((0, 3, 0))]
-    near = CollisionChecker(slider, Scene([Obstacle(f"o{k}", Sphere(0.1), at) for k, at in enumerate(places)]))
-    places[far] = pose((0, 1000, 0))
-    wide = CollisionChecker(slider, Scene([Obstacle(f"o{k}", Sphere(0.1), at) for k, at in enumerate(places)]))
+    places = [pp.pose((0, 1, 0)), pp.pose((0, 2, 0)), pp.pose((0, 3, 0))]
+    near = pp.CollisionChecker(
+        slider, pp.Scene([pp.Obstacle(f"o{k}", pp.Sphere(0.1), at) for k, at in enumerate(places)])
+    )
+    places[far] = pp.pose((0, 1000, 0))
+    wide = pp.CollisionChecker(
+        slider, pp.Scene([pp.Obstacle(f"o{k}", pp.Sphere(0.1), at) for k, at in enumerate(places)])
+    )
     assert wide.rounding == pytest.approx(1000.1 * near.rounding / max(3.1, 1.0), rel=0.01)
     assert 1e-10 <= near.rounding < 1e-8
 
@@ -147,35 +142,35 @@ def test_the_allowance_for_rounding_grows_with_the_farthest_body(slider, far):
 def test_a_batch_is_its_configurations(ur5, mesh_file, threads):
     """Convex bodies, and an exact mesh that is left to coal."""
 
-    exact = Obstacle(
-        "exact", Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, 0.3))), hull=False), pose((0.4, -0.3, 0.5))
+    exact = pp.Obstacle(
+        "exact", pp.Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, 0.3))), hull=False), pp.pose((0.4, -0.3, 0.5))
     )
-    checker = CollisionChecker(ur5, Scene([BALL, TABLE, exact]))
+    checker = pp.CollisionChecker(ur5, pp.Scene([BALL, TABLE, exact]))
     many = random_q(ur5, 200)
     assert checker.is_free_batch(many, threads=threads).tolist() == [checker.is_free(q) for q in many]
     assert checker.clearance_batch(many, threads=threads).tolist() == [checker.clearance(q) for q in many]
     assert checker.is_free_batch(np.empty((0, 6)), threads=threads).shape == (0,)
-    with pytest.raises(InputError):
+    with pytest.raises(pp.InputError):
         checker.is_free_batch(np.full((1, 6), np.nan), threads=threads)
-    with pytest.raises(InputError, match="threads"):
+    with pytest.raises(pp.InputError, match="threads"):
         checker.is_free_batch(many, threads=0)
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
 def test_nan_is_never_free(ur5, bad):
-    checker = CollisionChecker(ur5)
+    checker = pp.CollisionChecker(ur5)
     q = np.zeros(6)
     q[3] = bad
     for ask in (checker.is_free, checker.is_free_unchecked, checker.check, checker.clearance):
-        with pytest.raises(InputError):
+        with pytest.raises(pp.InputError):
             ask(q)
     assert checker.is_free(np.array([0.0, -1.5, 1.0, 0.0, 0.0, 0.0]))  # and nothing is left behind of it
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "stanford", "scara", "xarm7", "iiwa14", "so100", "puma560"])
 def test_bodies_are_placed_where_pinocchio_places_them(name):
-    arm = load_robot(name).arm()
-    checker = CollisionChecker(arm, Scene([BALL, Obstacle("floor", HalfSpace(), pose((0, 0, -1)))]))
+    arm = pp.load_robot(name).arm()
+    checker = pp.CollisionChecker(arm, pp.Scene([BALL, pp.Obstacle("floor", pp.HalfSpace(), pp.pose((0, 0, -1)))]))
     data, placed = arm.model.createData(), checker.geometry_model.createData()
     for q in (*random_q(arm, 20), np.full(arm.dof, 1e6)):
         pin.updateGeometryPlacements(arm.model, data, checker.geometry_model, placed, arm.model_configuration(q))
@@ -189,8 +184,8 @@ def test_bodies_are_placed_where_pinocchio_places_them(name):
 
 def test_no_result_depends_on_earlier_queries(ur5):
     """Pairs that touched recently are tested first; the result must not depend on that."""
-    checker, many = CollisionChecker(ur5, Scene([BALL, TABLE])), random_q(ur5, 300)
-    fresh = [CollisionChecker.is_free(checker.with_margin(0.0), q) for q in many]
+    checker, many = pp.CollisionChecker(ur5, pp.Scene([BALL, TABLE])), random_q(ur5, 300)
+    fresh = [pp.CollisionChecker.is_free(checker.with_margin(0.0), q) for q in many]
     assert 20 < sum(fresh) < 280
     for order in (np.arange(300), np.random.default_rng(1).permutation(300)):
         assert [checker.is_free(q) for q in many[order]] == [fresh[i] for i in order]
@@ -198,11 +193,11 @@ def test_no_result_depends_on_earlier_queries(ur5):
 
 
 def test_a_padded_checker_is_that_of_its_own_margins(ur5):
-    checker = CollisionChecker(ur5, Scene([BALL]), margin=0.01)
+    checker = pp.CollisionChecker(ur5, pp.Scene([BALL]), margin=0.01)
     assert checker.padded(0.005) is checker.padded(0.005)
     assert checker.padded(0.001).margin == 0.011
     assert checker.with_margin(0.02).padded(0.001).margin == 0.021
-    same(checker.padded(0.005), CollisionChecker(ur5, checker.scene, margin=0.015), ur5)
+    same(checker.padded(0.005), pp.CollisionChecker(ur5, checker.scene, margin=0.015), ur5)
 
 
 def test_checkers_of_one_robot_share_convex_bodies_until_a_mesh_file_changes(tmp_path):
@@ -215,16 +210,16 @@ def test_checkers_of_one_robot_share_convex_bodies_until_a_mesh_file_changes(tmp
         '</link><link name="tip"/><joint name="turn" type="revolute"><parent link="base"/><child link="tip"/>'
         '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
-    arm = load_robot(tmp_path / "arm.urdf").arm("tip")
-    first, second = (CollisionChecker(arm, Scene([BALL])).bodies[0] for _ in range(2))
+    arm = pp.load_robot(tmp_path / "arm.urdf").arm("tip")
+    first, second = (pp.CollisionChecker(arm, pp.Scene([BALL])).bodies[0] for _ in range(2))
     assert first is second
     write(0.3)
-    assert CollisionChecker(arm, Scene([BALL])).bodies[0].box[1, 0] == pytest.approx(0.15)
+    assert pp.CollisionChecker(arm, pp.Scene([BALL])).bodies[0].box[1, 0] == pytest.approx(0.15)
 
 
 @pytest.mark.parametrize("margin", [[0.01], "wide", float("nan"), -0.001])
 def test_an_invalid_margin_is_refused(ur5, margin):
-    checker = CollisionChecker(ur5, Scene([BALL]))
+    checker = pp.CollisionChecker(ur5, pp.Scene([BALL]))
     for change in (checker.with_margin, checker.padded):
-        with pytest.raises(InputError, match="distance in metres"):
+        with pytest.raises(pp.InputError, match="distance in metres"):
             change(margin)

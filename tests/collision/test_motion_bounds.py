@@ -6,22 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CertificateStatus,
-    CollisionChecker,
-    Cylinder,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    _core,
-    certify,
-    load_robot,
-    pose,
-)
+import pinproof as pp
+from pinproof import _core
 
-FREE, COLLIDING = CertificateStatus.FREE, CertificateStatus.COLLIDING
+FREE, COLLIDING = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING
 
 
 class Bounds:
@@ -43,9 +31,11 @@ class Bounds:
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "stanford", "planar_2r"])
 def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name):
     """Anywhere in the box about q, tolerance and growth included."""
-    arm = load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
-    scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0.3, 0.4)))])
-    checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.2), pose((0, 0, 0.1)))])
+    arm = pp.load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
+    scene = pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.2, 0.2), pp.pose((0.5, 0.3, 0.4)))])
+    checker = pp.CollisionChecker(
+        arm, scene, attached=[pp.Obstacle("tool", pp.Box(0.02, 0.02, 0.2), pp.pose((0, 0, 0.1)))]
+    )
     independent, rng = oracle(checker), np.random.default_rng(2)
     for _ in range(6):
         q, more = rng.uniform(-2, 2, arm.dof), float(rng.choice([0.0, 0.01, 0.2]))
@@ -66,9 +56,11 @@ def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, nam
     division of the joints between the two bodies. The gap is that of supports in a direction that the
     middle link carries.
     """
-    arm = load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
-    scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0.3, 0.4)))])
-    checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.2), pose((0, 0, 0.1)))])
+    arm = pp.load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
+    scene = pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.2, 0.2), pp.pose((0.5, 0.3, 0.4)))])
+    checker = pp.CollisionChecker(
+        arm, scene, attached=[pp.Obstacle("tool", pp.Box(0.02, 0.02, 0.2), pp.pose((0, 0, 0.1)))]
+    )
     rng, tight = np.random.default_rng(4), []
     for _ in range(4):
         q, size = rng.uniform(-2, 2, arm.dof), rng.choice([0.005, 0.05, 0.3])
@@ -107,12 +99,12 @@ def test_a_folded_planar_arm_is_not_judged_by_the_least_radius_or_by_exchanged_r
     to, says that nothing can come nearer. In fact the far end of the folded link sweeps past.
     """
     folded = np.array([0.0, np.pi])
-    peg = Obstacle("peg", Sphere(0.02), pose((0.5 * np.cos(0.35), 0.5 * np.sin(0.35), 0.03)))
-    checker = CollisionChecker(planar_2r, Scene([peg]))
+    peg = pp.Obstacle("peg", pp.Sphere(0.02), pp.pose((0.5 * np.cos(0.35), 0.5 * np.sin(0.35), 0.03)))
+    checker = pp.CollisionChecker(planar_2r, pp.Scene([peg]))
     assert checker.is_free(folded)
     moving = path(planar_2r, folded, folded + np.array([0.7, 0.0]))
     assert checker.is_free(moving.end)
-    certificate = certify(moving, checker)
+    certificate = pp.certify(moving, checker)
     assert certificate.status is COLLIDING
     assert "peg" in certificate.first_contact.bodies
     names = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
@@ -136,20 +128,20 @@ def test_a_folded_planar_arm_is_not_judged_with_roles_exchanged_joint_by_joint(a
             ("end", "fixed", "fore", "tip", "0.5 0 0", "0 0 1"),
         ],
     ).arm(tcp="tip")
-    checker = CollisionChecker(arm, Scene([Obstacle("peg", Sphere(0.01), pose((0.5, 0, 0)))]))
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("peg", pp.Sphere(0.01), pp.pose((0.5, 0, 0)))]))
     folded, turn = np.array([0.0, np.pi]), np.full(2, 1.3 * np.pi / 3)
     edge = path(arm, folded - turn, folded + turn)
     for q in (edge.start, folded, edge.end):
         assert checker.clearance(q) > 0.2
-    certificate = certify(edge, checker)
+    certificate = pp.certify(edge, checker)
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == pytest.approx(first_touch(checker, edge), abs=1e-3)
 
 
 def test_the_proven_clearance_is_never_above_the_true_one(slider, path):
     """Straight at a cylinder that is 0.1 m away in the end; its bounding box is rotated so that it proves nothing."""
-    post = Obstacle("post", Cylinder(0.3, 1), pose((0.71, 0, 0), (0, 0, np.pi / 4)))
-    certificate = certify(path(slider, [0.0], [0.3]), CollisionChecker(slider, Scene([post])))
+    post = pp.Obstacle("post", pp.Cylinder(0.3, 1), pp.pose((0.71, 0, 0), (0, 0, np.pi / 4)))
+    certificate = pp.certify(path(slider, [0.0], [0.3]), pp.CollisionChecker(slider, pp.Scene([post])))
     assert certificate.status is FREE
     assert 0.05 < certificate.clearance <= 0.1
 
@@ -161,24 +153,24 @@ def test_a_thin_plate_across_a_fast_wrist_is_never_jumped_over(
 ):
     """A tool of 0.5 m swings through half a turn in one edge; both ends are free."""
     shape = {
-        "box": lambda: Box(0.3, 0.3, thickness),
-        "disc": lambda: Cylinder(0.15, thickness),
-        "hull": lambda: Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, thickness)))),
-        "exact": lambda: Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, thickness))), hull=False),
+        "box": lambda: pp.Box(0.3, 0.3, thickness),
+        "disc": lambda: pp.Cylinder(0.15, thickness),
+        "hull": lambda: pp.Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, thickness)))),
+        "exact": lambda: pp.Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, thickness))), hull=False),
     }[kind]()
-    tool = Obstacle("tool", Cylinder(0.003, 0.5), pose((0, 0, 0.25)))
+    tool = pp.Obstacle("tool", pp.Cylinder(0.003, 0.5), pp.pose((0, 0, 0.25)))
     start, end = ur5.home.copy(), ur5.home.copy()
     start[3] -= 1.2
     end[3] += 0.8
     middle = (start + end) / 2
-    turned = ur5.forward_kinematics(middle) * pose((0, 0, 0.45), (0, np.pi / 2, 0))  # its plane holds the tool
-    across = turned * pose(rpy=(0, 0, 0))
-    scene = Scene([Obstacle("plate", shape, across)])
-    checker = CollisionChecker(ur5, scene, attached=[tool], allowed=[("tool", f) for f in ("wrist_2_link",)])
+    turned = ur5.forward_kinematics(middle) * pp.pose((0, 0, 0.45), (0, np.pi / 2, 0))  # its plane holds the tool
+    across = turned * pp.pose(rpy=(0, 0, 0))
+    scene = pp.Scene([pp.Obstacle("plate", shape, across)])
+    checker = pp.CollisionChecker(ur5, scene, attached=[tool], allowed=[("tool", f) for f in ("wrist_2_link",)])
     swing = path(ur5, start, end)
     assert checker.is_free(start)
     assert checker.is_free(end)
-    certificate = certify(swing, checker)
+    certificate = pp.certify(swing, checker)
     assert certificate.status is COLLIDING
     assert certificate.first_contact.bodies == ("tool", "plate")
     assert_free_until(checker, swing, certificate.first_contact.proven_free_until, 100)

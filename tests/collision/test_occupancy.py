@@ -7,20 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pinproof import (
-    Box,
-    CollisionChecker,
-    InputError,
-    JointPath,
-    Obstacle,
-    OccupancyGrid,
-    Scene,
-    Sphere,
-    certify,
-    load_robot,
-    pose,
-    verify_proof,
-)
+import pinproof as pp
 from pinproof._core import carve
 from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
 from pinproof.collision.geometry.bodies import shape_bodies
@@ -35,7 +22,7 @@ ABOVE = look_at(np.array([0.3, -0.2, 1.2]), np.array([0.5, 0.0, 0.0]))
 
 
 def at(x: float, y: float, z: float, rpy: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    return np.array(pose((x, y, z), rpy).homogeneous)
+    return np.array(pp.pose((x, y, z), rpy).homogeneous)
 
 
 TABLE = Solid(at(0.5, 0.0, -0.05), np.array([0.8, 0.8, 0.05]))
@@ -43,18 +30,18 @@ PART = Solid(at(0.5, 0.0, 0.05), np.array([0.05, 0.05, 0.05]))
 BEHIND = Solid(at(0.68, 0.05, 0.025), np.array([0.03, 0.03, 0.025]))
 
 
-def view(solids: list[Solid], from_: np.ndarray = ABOVE, **settings: object) -> OccupancyGrid:
+def view(solids: list[Solid], from_: np.ndarray = ABOVE, **settings: object) -> pp.OccupancyGrid:
     image = depth_image(CAMERA, from_, solids)
-    return OccupancyGrid.from_depth(image, CAMERA, from_, **{"voxel": 0.02, "bounds": BOUNDS, **settings})
+    return pp.OccupancyGrid.from_depth(image, CAMERA, from_, **{"voxel": 0.02, "bounds": BOUNDS, **settings})
 
 
-def view_without(body: Obstacle, solids: list[Solid], from_: np.ndarray = ABOVE) -> OccupancyGrid:
+def view_without(body: pp.Obstacle, solids: list[Solid], from_: np.ndarray = ABOVE) -> pp.OccupancyGrid:
     image = depth_image(CAMERA, from_, solids)
     seen = remove_body(DepthView.read(image, CAMERA, from_, depth_uncertainty=0.003), body)
-    return OccupancyGrid.from_view(seen, voxel=0.02, bounds=BOUNDS)
+    return pp.OccupancyGrid.from_view(seen, voxel=0.02, bounds=BOUNDS)
 
 
-def states_at(grid: OccupancyGrid, points: np.ndarray) -> np.ndarray:
+def states_at(grid: pp.OccupancyGrid, points: np.ndarray) -> np.ndarray:
     """The states of the cells that contain points (N, 3) of the bounds."""
     index = np.floor(points / grid.voxel).astype(int) - grid.low
     inside = ((index >= 0) & (index < grid.cells.shape)).all(axis=1)
@@ -124,7 +111,7 @@ def test_no_point_of_a_surface_is_in_a_free_cell(scene, eyes, seed):
         camera = look_at(place, np.array([0.5, 0.0, 0.1]) + rng.uniform(-0.1, 0.1, 3), rng.uniform(-3, 3))
         try:
             grids.append(view(every, camera, depth_uncertainty=0.003))
-        except InputError:
+        except pp.InputError:
             continue  # it sees nothing of the bounds
     if not grids:
         return
@@ -166,8 +153,8 @@ def test_pixels_without_a_measurement_prove_nothing():
     holes[40:60, 50:80] = np.nan
     holes[80:90, 100:110] = np.inf
     settings = {"voxel": 0.02, "bounds": BOUNDS}
-    whole = OccupancyGrid.from_depth(image, CAMERA, ABOVE, **settings)
-    torn = OccupancyGrid.from_depth(holes, CAMERA, ABOVE, **settings)
+    whole = pp.OccupancyGrid.from_depth(image, CAMERA, ABOVE, **settings)
+    torn = pp.OccupancyGrid.from_depth(holes, CAMERA, ABOVE, **settings)
     assert ((torn.cells == FREE) <= (whole.cells == FREE)).all()
     assert 0 < torn.counts[0] < whole.counts[0]
 
@@ -182,7 +169,7 @@ def test_marks_of_pixels_without_a_measurement_prove_nothing(mark):
         kind = np.uint16 if isinstance(mark, int) and mark < 2**16 else np.int32
         marked = np.where(hole, mark, image).astype(float if isinstance(mark, float) else kind)
     made = [
-        OccupancyGrid.from_depth(each, CAMERA, ABOVE, voxel=0.02, bounds=BOUNDS, depth_scale=0.001)
+        pp.OccupancyGrid.from_depth(each, CAMERA, ABOVE, voxel=0.02, bounds=BOUNDS, depth_scale=0.001)
         for each in (nothing, marked)
     ]
     np.testing.assert_array_equal(made[0].cells, made[1].cells)
@@ -192,7 +179,7 @@ def test_a_float_image_of_far_surfaces_is_in_metres_unless_all_depths_are_whole_
     depths = np.full((CAMERA.height, CAMERA.width), 20.25)
     depths[:60] = 20.0
     assert (DepthView.read(depths, CAMERA, ABOVE).depth == depths).all()
-    with pytest.raises(InputError, match=r"depth_scale=0\.001"):
+    with pytest.raises(pp.InputError, match=r"depth_scale=0\.001"):
         DepthView.read(np.round(depths), CAMERA, ABOVE)
 
 
@@ -209,12 +196,12 @@ def test_points_behind_the_camera_are_beside_its_image():
 
 
 def test_a_grid_without_an_occupied_cell_is_no_obstacle_and_is_noted():
-    grid = OccupancyGrid(np.zeros((3, 3, 3), dtype=int), 0.5)
-    arm = load_robot("ur5").arm()
-    checker = CollisionChecker(arm, Scene([Obstacle("camera", grid)]))
+    grid = pp.OccupancyGrid(np.zeros((3, 3, 3), dtype=int), 0.5)
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("camera", grid)]))
     assert checker.is_free(arm.home)
-    path = JointPath(np.array([arm.home, arm.home + 0.01]), arm.joint_names)
-    assert any("camera: occupancy grid" in note for note in certify(path, checker).notes)
+    path = pp.JointPath(np.array([arm.home, arm.home + 0.01]), arm.joint_names)
+    assert any("camera: occupancy grid" in note for note in pp.certify(path, checker).notes)
     assert cell_faces(grid)[0].shape == (0, 3)
 
 
@@ -222,10 +209,12 @@ def test_unseen_cells_are_free_only_if_asked_for_and_then_it_is_stated():
     occupied, free = view([TABLE, PART]), view([TABLE, PART], unknown="free")
     assert occupied.occupied.sum() == sum(occupied.counts[1:])
     assert free.occupied.sum() == free.counts[1]
-    arm = load_robot("ur5").arm()
-    path = JointPath(np.array([arm.home, arm.home]), arm.joint_names)
+    arm = pp.load_robot("ur5").arm()
+    path = pp.JointPath(np.array([arm.home, arm.home]), arm.joint_names)
     for grid, stated in ((occupied, "space that was not seen is an obstacle"), (free, "was not seen is free")):
-        certificate = certify(path, CollisionChecker(arm, Scene([Obstacle("camera", grid, pose((0, 3, 0)))])))
+        certificate = pp.certify(
+            path, pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("camera", grid, pp.pose((0, 3, 0)))]))
+        )
         assert any("camera" in note and stated in note for note in certificate.notes)
 
 
@@ -236,18 +225,18 @@ def test_a_cell_is_free_if_one_of_several_views_proves_it():
     np.testing.assert_array_equal(both.cells == FREE, (one.cells == FREE) | (two.cells == FREE))
     assert both.counts[0] > max(one.counts[0], two.counts[0])
     assert set(both.record) == {*one.record, *two.record}
-    with pytest.raises(InputError, match="same voxel, bounds and unknown"):
+    with pytest.raises(pp.InputError, match="same voxel, bounds and unknown"):
         one | view([TABLE], voxel=0.04)
-    with pytest.raises(InputError, match="same voxel, bounds and unknown"):
+    with pytest.raises(pp.InputError, match="same voxel, bounds and unknown"):
         one | view([TABLE], unknown="free")
 
 
 def test_the_robot_is_removed_with_its_padding_and_nothing_else():
-    arm = load_robot("ur5").arm()
-    checker = CollisionChecker(arm, margin=0.005)
-    everything = OccupancyGrid(np.full((60, 60, 60), UNKNOWN), 0.02, (-30, -30, 0))
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm, margin=0.005)
+    everything = pp.OccupancyGrid(np.full((60, 60, 60), UNKNOWN), 0.02, (-30, -30, 0))
     cleared = remove_robot(everything, checker, arm.home)
-    assert checker.with_scene(Scene([Obstacle("camera", cleared)])).is_free(arm.home)
+    assert checker.with_scene(pp.Scene([pp.Obstacle("camera", cleared)])).is_free(arm.home)
     assert "cells within" in cleared.record[-1]
     # Every cleared cell is within the padding of a body.
     free = np.argwhere(cleared.cells == CLEARED)
@@ -256,7 +245,7 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
     chosen = rng.choice(free, 40)
     for cell in chosen:
         center = (cell + cleared.low + rng.random(3)) * 0.02
-        ball = Scene([Obstacle("point", Sphere(1e-6), pose(center))])
+        ball = pp.Scene([pp.Obstacle("point", pp.Sphere(1e-6), pp.pose(center))])
         assert checker.with_scene(ball).with_margin(padding).check(arm.home).contacts
     same = remove_robot(everything, checker, arm.home, padding=0.0)
     assert 0 < same.counts[0] < cleared.counts[0]
@@ -264,26 +253,26 @@ def test_the_robot_is_removed_with_its_padding_and_nothing_else():
 
 def test_a_robot_of_cylinders_is_removed_from_cells_in_line_with_their_axes():
     """Nodes on an axis of a cylinder are a degenerate case of the distance."""
-    arm = load_robot("generic_6dof").arm()
-    checker = CollisionChecker(arm)
-    grid = OccupancyGrid(np.full((20, 10, 10), UNKNOWN), 0.02, (-10, -5, 0))
+    arm = pp.load_robot("generic_6dof").arm()
+    checker = pp.CollisionChecker(arm)
+    grid = pp.OccupancyGrid(np.full((20, 10, 10), UNKNOWN), 0.02, (-10, -5, 0))
     grid = remove_robot(grid, checker, arm.home)
-    assert checker.with_scene(Scene([Obstacle("camera", grid)])).is_free(arm.home)
+    assert checker.with_scene(pp.Scene([pp.Obstacle("camera", grid)])).is_free(arm.home)
 
 
 def test_a_surface_that_another_view_shows_is_kept_where_the_robot_was_removed():
-    arm = load_robot("ur5").arm()
-    checker = CollisionChecker(arm)
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm)
     shape, low = (60, 60, 60), (-30, -30, 0)
-    cleared = remove_robot(OccupancyGrid(np.full(shape, UNKNOWN), 0.02, low), checker, arm.home)
+    cleared = remove_robot(pp.OccupancyGrid(np.full(shape, UNKNOWN), 0.02, low), checker, arm.home)
     for state, expected in ((SEEN, SEEN), (UNKNOWN, CLEARED), (FREE, FREE)):
-        other = OccupancyGrid(np.full(shape, state), 0.02, low)
+        other = pp.OccupancyGrid(np.full(shape, state), 0.02, low)
         for fused in (cleared | other, other | cleared):
             assert (fused.cells[cleared.cells == CLEARED] == expected).all()
             assert (fused.occupied == (fused.cells == SEEN) | (fused.cells == UNKNOWN)).all()
 
 
-PICKED = Obstacle("part", Box(0.1, 0.1, 0.1), PART.pose)
+PICKED = pp.Obstacle("part", pp.Box(0.1, 0.1, 0.1), PART.pose)
 
 
 def test_cells_inside_a_body_are_removed_and_shared_cells_stay():
@@ -325,23 +314,23 @@ def test_space_hidden_by_the_outline_of_a_removed_body_is_not_free():
     image = depth_image(coarse, eye, [TABLE, PART, plate])
     assert np.array_equal(image, depth_image(coarse, eye, [TABLE, PART]))
     seen = remove_body(DepthView.read(image, coarse, eye, depth_uncertainty=0.001), PICKED)
-    grid = OccupancyGrid.from_view(seen, voxel=0.001, bounds=[(0.54, -0.02, -0.01), (0.57, 0.02, 0.12)])
+    grid = pp.OccupancyGrid.from_view(seen, voxel=0.001, bounds=[(0.54, -0.02, -0.01), (0.57, 0.02, 0.12)])
     points = plate.surface(20000, np.random.default_rng(0))
     assert (states_at(grid, points[points[:, 0] > 0.5501]) != FREE).all()
     assert grid.counts[0] > 0
 
 
 def test_a_body_that_the_image_shows_elsewhere_is_refused():
-    with pytest.raises(InputError, match="'part' is not where it is stated to be"):
+    with pytest.raises(pp.InputError, match="'part' is not where it is stated to be"):
         view_without(PICKED, [TABLE])
-    with pytest.raises(InputError, match="camera is inside 'part'"):
-        view_without(Obstacle("part", Box(0.5, 0.5, 0.5), pose(ABOVE[:3, 3])), [TABLE])
+    with pytest.raises(pp.InputError, match="camera is inside 'part'"):
+        view_without(pp.Obstacle("part", pp.Box(0.5, 0.5, 0.5), pp.pose(ABOVE[:3, 3])), [TABLE])
 
 
 def test_the_bodies_together_are_the_occupied_cells():
     grid = view([TABLE, PART], voxel=0.05)
     covered = np.zeros(grid.cells.shape, dtype=int)
-    for body in shape_bodies("camera", None, grid, pose()):
+    for body in shape_bodies("camera", None, grid, pp.pose()):
         low = np.round((body.link_from_body.translation + body.box[0]) / grid.voxel).astype(int) - grid.low
         high = np.round((body.link_from_body.translation + body.box[1]) / grid.voxel).astype(int) - grid.low
         covered[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] += 1
@@ -349,14 +338,14 @@ def test_the_bodies_together_are_the_occupied_cells():
 
 
 def test_a_motion_in_proven_space_is_certified_and_its_proof_verified(tmp_path):
-    arm = load_robot("ur5").arm()
+    arm = pp.load_robot("ur5").arm()
     grid = view([TABLE, PART], voxel=0.05, bounds=[(0.4, -0.5, -0.1), (1.0, 0.5, 0.6)], unknown="free")
-    checker = CollisionChecker(arm, Scene([Obstacle("camera", grid)]), margin=0.002)
-    path = JointPath(np.array([arm.home, arm.home + 0.2 * np.eye(6)[0]]), arm.joint_names)
-    certificate = certify(path, checker, record=True)
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("camera", grid)]), margin=0.002)
+    path = pp.JointPath(np.array([arm.home, arm.home + 0.2 * np.eye(6)[0]]), arm.joint_names)
+    certificate = pp.certify(path, checker, record=True)
     assert certificate.free
     certificate.save(tmp_path / "proof.json.gz")
-    assert verify_proof(tmp_path / "proof.json.gz", checker, path).ok
+    assert pp.verify_proof(tmp_path / "proof.json.gz", checker, path).ok
 
 
 def test_depth_files_are_read(tmp_path):
@@ -367,7 +356,7 @@ def test_depth_files_are_read(tmp_path):
     Image.fromarray(np.round(image * 1000).astype(np.uint16)).save(tmp_path / "view.png")
     settings = {"voxel": 0.05, "bounds": BOUNDS}
     array, npy, png = (
-        OccupancyGrid.from_depth(source, CAMERA, ABOVE, depth_scale=scale, **settings)
+        pp.OccupancyGrid.from_depth(source, CAMERA, ABOVE, depth_scale=scale, **settings)
         for source, scale in ((image, None), (tmp_path / "view.npy", None), (str(tmp_path / "view.png"), 0.001))
     )
     assert array == npy
@@ -377,7 +366,7 @@ def test_depth_files_are_read(tmp_path):
     (tmp_path / "view.txt").write_text("1 2")
     for name, words in (("broken.png", "cannot be read"), ("colour.png", "RGB"), ("view.txt", "npy"), ("no.npy", "no")):
         with pytest.raises(FileError, match=words):
-            OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, depth_scale=0.001, **settings)
+            pp.OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, depth_scale=0.001, **settings)
 
 
 IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
@@ -419,18 +408,18 @@ IMAGE = depth_image(CAMERA, ABOVE, [TABLE])
 )
 def test_each_mistake_is_refused_with_its_reason(changes, words):
     stated = {"image": IMAGE, "intrinsics": CAMERA, "camera_pose": ABOVE, "voxel": 0.05, "bounds": BOUNDS, **changes}
-    with pytest.raises(InputError, match=words):
-        OccupancyGrid.from_depth(**stated)
+    with pytest.raises(pp.InputError, match=words):
+        pp.OccupancyGrid.from_depth(**stated)
 
 
 def test_removal_from_something_else_is_refused():
     seen = DepthView.read(IMAGE, CAMERA, ABOVE)
-    checker = CollisionChecker(load_robot("ur5").arm())
-    with pytest.raises(InputError, match="not DepthView"):
+    checker = pp.CollisionChecker(pp.load_robot("ur5").arm())
+    with pytest.raises(pp.InputError, match="not DepthView"):
         remove_robot(seen, checker, checker.arm.home)
-    with pytest.raises(InputError, match="padding"):
+    with pytest.raises(pp.InputError, match="padding"):
         remove_robot(view([TABLE]), checker, checker.arm.home, padding="wide")
-    with pytest.raises(InputError, match="and str"):
+    with pytest.raises(pp.InputError, match="and str"):
         remove_body(seen, "part")
 
 
@@ -449,8 +438,8 @@ def test_removal_from_something_else_is_refused():
     ],
 )
 def test_a_grid_of_invalid_cells_is_refused(changes, words):
-    with pytest.raises(InputError, match=words):
-        OccupancyGrid(**{"cells": np.zeros((2, 2, 2), dtype=int), "voxel": 0.1, **changes})
+    with pytest.raises(pp.InputError, match=words):
+        pp.OccupancyGrid(**{"cells": np.zeros((2, 2, 2), dtype=int), "voxel": 0.1, **changes})
 
 
 @pytest.mark.parametrize("error", [0.004, 0.01, 0.027, 0.05])
@@ -460,7 +449,7 @@ def test_points_outside_the_image_occupy_every_cell_that_they_may_be_in(error):
     beside = np.array([0.213, 0.034, 0.118])
     points = np.array([[0.0, 0.0, 0.0], beside])
     bounds = [(-0.3, -0.3, -0.1), (0.3, 0.3, 0.3)]
-    grid = OccupancyGrid.from_points(points, camera, from_, voxel=0.01, bounds=bounds, depth_uncertainty=error)
+    grid = pp.OccupancyGrid.from_points(points, camera, from_, voxel=0.01, bounds=bounds, depth_uncertainty=error)
     corners = (np.indices(grid.cells.shape).reshape(3, -1).T + grid.low) * 0.01
     near = (corners <= beside + error).all(axis=1) & (corners + 0.01 >= beside - error).all(axis=1)
     seen = grid.cells.reshape(-1) == SEEN

@@ -8,27 +8,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    AnalyticIk,
-    Box,
-    Capsule,
-    CertificateStatus,
-    CollisionChecker,
-    Cylinder,
-    HalfSpace,
-    InputError,
-    JointPath,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Scene,
-    Sphere,
-    UnknownNameError,
-    certify,
-    plan_linear,
-    pose,
-    time_parametrise,
-)
+import pinproof as pp
 from pinproof.collision import HeightMap
 from pinproof.collision.certificates.certificate import Parting
 from pinproof.collision.checking.separation import MovingBody, directions_to_facets
@@ -36,7 +16,7 @@ from pinproof.motion import Bezier, CubicPath
 
 from ..examples import examples
 
-FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
+FREE, COLLIDING, UNDECIDED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.UNDECIDED
 
 MARGIN = 0.002
 
@@ -54,15 +34,15 @@ def gantry(arm_from_links):
     ).arm(tcp="hand")
 
 
-TABLE = Obstacle("table", Box(1.0, 1.0, 0.1), pose((0, 0, -0.05)))
-PART = Obstacle("part", Box(0.2, 0.1, 0.1), pose((0, 0, 0.05)))
+TABLE = pp.Obstacle("table", pp.Box(1.0, 1.0, 0.1), pp.pose((0, 0, -0.05)))
+PART = pp.Obstacle("part", pp.Box(0.2, 0.1, 0.1), pp.pose((0, 0, 0.05)))
 """Stands on the table where q is 0."""
 
 
 def verdict(gantry, *waypoints, sink=0.0, support=TABLE, part=PART, scene=(), **settings):
-    checker = CollisionChecker(gantry, Scene([support, *scene]), attached=[part], margin=MARGIN)
+    checker = pp.CollisionChecker(gantry, pp.Scene([support, *scene]), attached=[part], margin=MARGIN)
     q = np.array(waypoints, dtype=float) - [0, sink, 0]
-    return certify(JointPath(q, gantry.joint_names), checker, parting=[("part", "table")], **settings)
+    return pp.certify(pp.JointPath(q, gantry.joint_names), checker, parting=[("part", "table")], **settings)
 
 
 @pytest.mark.parametrize("sink", [-0.001, 0.0, 0.0005, 0.00099])
@@ -80,8 +60,8 @@ def test_a_vertical_lift_is_free_and_names_its_proof(gantry, sink):
 
 
 def test_without_leave_the_same_motion_begins_with_a_contact(gantry):
-    checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
-    assert certify(JointPath([[0, 0, 0], [0, 0.3, 0]], gantry.joint_names), checker).status is COLLIDING
+    checker = pp.CollisionChecker(gantry, pp.Scene([TABLE]), attached=[PART], margin=MARGIN)
+    assert pp.certify(pp.JointPath([[0, 0, 0], [0, 0.3, 0]], gantry.joint_names), checker).status is COLLIDING
 
 
 def test_deeper_than_a_millimetre_is_refused(gantry):
@@ -134,17 +114,17 @@ def test_a_tilt_that_lets_no_edge_down_is_free(gantry):
 
 def test_a_lift_that_returns_to_its_support_is_detected(gantry):
     """Two cubic lifts to the same height; one dips below its start."""
-    checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
+    checker = pp.CollisionChecker(gantry, pp.Scene([TABLE]), attached=[PART], margin=MARGIN)
     ends = np.array([[0, 0, 0], [0.05, 0.1, 0.0]])
     for slope, status in ((0.0, FREE), (0.2, FREE), (-0.02, COLLIDING)):
         tangents = np.array([[0, slope, 0], [0, 0, 0]])
         curve = CubicPath(ends, tangents, [0.0, 1.0], gantry.joint_names)
-        assert certify(curve, checker, parting=[("part", "table")]).status is status
+        assert pp.certify(curve, checker, parting=[("part", "table")]).status is status
 
 
 def test_a_plate_in_the_path_is_detected_on_the_complete_curve(gantry):
     for height, first in ((0.11, 0), (0.2, 0), (0.35, 1)):
-        beam = Obstacle("beam", Box(0.02, 1, 0.02), pose((0 if first == 0 else 0.5, 0, height + 0.02)))
+        beam = pp.Obstacle("beam", pp.Box(0.02, 1, 0.02), pp.pose((0 if first == 0 else 0.5, 0, height + 0.02)))
         certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], [0.6, 0.3, 0], scene=[beam])
         assert certificate.status is COLLIDING
         assert certificate.first_contact.bodies == ("part", "beam")
@@ -154,20 +134,20 @@ def test_a_plate_in_the_path_is_detected_on_the_complete_curve(gantry):
 
 def cuboid(x, y, z, hull):
     box = trimesh.creation.box((x, y, z))
-    return Mesh.from_arrays(box.vertices, box.faces, hull=hull)
+    return pp.Mesh.from_arrays(box.vertices, box.faces, hull=hull)
 
 
 SUPPORTS = {
-    "half-space": Obstacle("table", HalfSpace()),
-    "cylinder": Obstacle("table", Cylinder(0.5, 0.2), pose((0, 0, -0.1))),
-    "hull": Obstacle("table", cuboid(1, 1, 0.2, True), pose((0, 0, -0.1))),
-    "mesh": Obstacle("table", cuboid(1, 1, 0.2, False), pose((0, 0, -0.1))),
-    "ball": Obstacle("table", Sphere(0.5), pose((0, 0, -0.5))),
+    "half-space": pp.Obstacle("table", pp.HalfSpace()),
+    "cylinder": pp.Obstacle("table", pp.Cylinder(0.5, 0.2), pp.pose((0, 0, -0.1))),
+    "hull": pp.Obstacle("table", cuboid(1, 1, 0.2, True), pp.pose((0, 0, -0.1))),
+    "mesh": pp.Obstacle("table", cuboid(1, 1, 0.2, False), pp.pose((0, 0, -0.1))),
+    "ball": pp.Obstacle("table", pp.Sphere(0.5), pp.pose((0, 0, -0.5))),
 }
 PARTS = {
     "box": PART,
-    "capsule": Obstacle("part", Capsule(0.05, 0.1), pose((0, 0, 0.05), (0, np.pi / 2, 0))),
-    "mesh": Obstacle("part", cuboid(0.2, 0.1, 0.1, False), pose((0, 0, 0.05))),
+    "capsule": pp.Obstacle("part", pp.Capsule(0.05, 0.1), pp.pose((0, 0, 0.05), (0, np.pi / 2, 0))),
+    "mesh": pp.Obstacle("part", cuboid(0.2, 0.1, 0.1, False), pp.pose((0, 0, 0.05))),
 }
 
 
@@ -182,7 +162,7 @@ def test_supports_and_parts_of_every_kind(gantry, support, part):
 
 def test_a_part_that_leaves_sideways_leaves_a_wall(gantry):
     """The direction is that of the contact, not up."""
-    wall = Obstacle("table", Box(0.1, 1, 1), pose((-0.15, 0, 0)))
+    wall = pp.Obstacle("table", pp.Box(0.1, 1, 1), pp.pose((-0.15, 0, 0)))
     certificate = verdict(gantry, [0, 0, 0], [0.2, 0, 0], support=wall)
     assert certificate.status is FREE
     np.testing.assert_allclose(certificate.partings[0].normal, [1, 0, 0], atol=1e-12)
@@ -192,15 +172,15 @@ def test_a_part_that_leaves_sideways_leaves_a_wall(gantry):
 
 def test_two_supports_are_left_each_in_its_own_direction(gantry):
     """A part in a corner: straight up slides along the wall and never leaves it, aslant leaves both."""
-    wall = Obstacle("wall", Box(0.1, 1, 1), pose((-0.15, 0, 0)))
-    checker = CollisionChecker(gantry, Scene([TABLE, wall]), attached=[PART], margin=MARGIN)
+    wall = pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((-0.15, 0, 0)))
+    checker = pp.CollisionChecker(gantry, pp.Scene([TABLE, wall]), attached=[PART], margin=MARGIN)
     both = [("part", "table"), ("wall", "part")]
     up, aslant = ([[0, 0, 0], end] for end in ([0, 0.2, 0], [0.2, 0.3, 0]))
-    assert certify(JointPath(up, gantry.joint_names), checker, parting=both).status is not FREE
-    certificate = certify(JointPath(aslant, gantry.joint_names), checker, parting=both)
+    assert pp.certify(pp.JointPath(up, gantry.joint_names), checker, parting=both).status is not FREE
+    certificate = pp.certify(pp.JointPath(aslant, gantry.joint_names), checker, parting=both)
     assert certificate.status is FREE
     assert [parting.bodies for parting in certificate.partings] == [("part", "table"), ("part", "wall")]
-    assert certify(JointPath(aslant, gantry.joint_names), checker, parting=both[:1]).status is COLLIDING
+    assert pp.certify(pp.JointPath(aslant, gantry.joint_names), checker, parting=both[:1]).status is COLLIDING
 
 
 def test_a_support_with_a_position_tolerance(gantry):
@@ -212,7 +192,7 @@ def test_a_support_with_a_position_tolerance(gantry):
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.0009])
 def test_the_support_is_left_by_the_margin_and_its_tolerance_in_a_lift_of_small_steps(gantry, tolerance):
-    ceiling = Obstacle("ceiling", Box(1, 1, 0.02), pose((0, 0, 0.141)))
+    ceiling = pp.Obstacle("ceiling", pp.Box(1, 1, 0.02), pp.pose((0, 0, 0.141)))
     steps = np.linspace(0.0, 0.025, 51)
     certificate = verdict(gantry, *([0, z, 0] for z in steps), obstacle_tolerance=tolerance, scene=[ceiling])
     assert certificate.status is FREE
@@ -226,52 +206,52 @@ def test_the_support_is_left_by_the_margin_and_its_tolerance_in_a_lift_of_small_
 
 def test_the_observed_distance_is_that_of_all_parts_of_the_motion(gantry):
     """The part is nearest to a wall at the end, after it has been lowered beside its support."""
-    wall = Obstacle("wall", Box(0.02, 1, 1), pose((1.015, 0, 0)))
+    wall = pp.Obstacle("wall", pp.Box(0.02, 1, 1), pp.pose((1.015, 0, 0)))
     certificate = verdict(gantry, [0, 0, 0], [0, 0.1, 0], [0.898, 0.1, 0], [0.9, 0.05, 0], scene=[wall])
     assert certificate.status is FREE
     assert MARGIN < certificate.clearance <= certificate.observed == pytest.approx(0.005, abs=1e-6)
 
 
 def test_invalid_partings_are_refused(gantry):
-    checker = CollisionChecker(
-        gantry, Scene([TABLE]), attached=[PART, Obstacle("other", Sphere(0.01), pose((0, 0, 1)))]
+    checker = pp.CollisionChecker(
+        gantry, pp.Scene([TABLE]), attached=[PART, pp.Obstacle("other", pp.Sphere(0.01), pp.pose((0, 0, 1)))]
     )
-    move = JointPath([[0, 0, 0], [0, 0.3, 0]], gantry.joint_names)
-    with pytest.raises(UnknownNameError, match="cup"):
-        certify(move, checker, parting=[("cup", "table")])
-    with pytest.raises(InputError, match="one must be an obstacle"):
-        certify(move, checker, parting=[("part", "other")])
-    with pytest.raises(InputError, match="pair of names"):
-        certify(move, checker, parting=("part", "table"))
-    with pytest.raises(InputError, match="not checked"):
-        certify(move, checker.allowing(("part", "table")), parting=[("part", "table")])
+    move = pp.JointPath([[0, 0, 0], [0, 0.3, 0]], gantry.joint_names)
+    with pytest.raises(pp.UnknownNameError, match="cup"):
+        pp.certify(move, checker, parting=[("cup", "table")])
+    with pytest.raises(pp.InputError, match="one must be an obstacle"):
+        pp.certify(move, checker, parting=[("part", "other")])
+    with pytest.raises(pp.InputError, match="pair of names"):
+        pp.certify(move, checker, parting=("part", "table"))
+    with pytest.raises(pp.InputError, match="not checked"):
+        pp.certify(move, checker.allowing(("part", "table")), parting=[("part", "table")])
     for setting in ({"joint_tolerance": 1e-3}, {"record": True}):
-        with pytest.raises(InputError, match="parting"):
-            certify(move, checker, parting=[("part", "table")], **setting)
+        with pytest.raises(pp.InputError, match="parting"):
+            pp.certify(move, checker, parting=[("part", "table")], **setting)
 
 
 def test_an_arm_lifts_a_part_off_a_table(ur5):
     """As planned, and timed, from rest; then pressed down by a tenth of a millimetre first."""
-    part = Obstacle("part", Box(0.06, 0.06, 0.1), pose((0, 0, 0.05)))
-    scene = Scene([Obstacle("table", Box(0.5, 0.5, 0.05), pose((0.65, 0.1, 0.175)))])
-    checker = CollisionChecker(ur5, scene, margin=MARGIN, attached=[part], allowed=[("part", "wrist_3_link")])
+    part = pp.Obstacle("part", pp.Box(0.06, 0.06, 0.1), pp.pose((0, 0, 0.05)))
+    scene = pp.Scene([pp.Obstacle("table", pp.Box(0.5, 0.5, 0.05), pp.pose((0.65, 0.1, 0.175)))])
+    checker = pp.CollisionChecker(ur5, scene, margin=MARGIN, attached=[part], allowed=[("part", "wrist_3_link")])
     leave = checker.allowing(("part", "table"))
-    grasp, above, below = (pose((0.45, 0.1, z), (np.pi, 0, 0)) for z in (0.3, 0.4, 0.2999))
-    q = next(q for q in AnalyticIk().solve_all(ur5, grasp).q if leave.is_free(q))
-    path = plan_linear(leave, q, above).path
-    for curve in (path, time_parametrise(path, ur5.limits)):
-        certificate = certify(curve, checker, parting=[("part", "table")])
+    grasp, above, below = (pp.pose((0.45, 0.1, z), (np.pi, 0, 0)) for z in (0.3, 0.4, 0.2999))
+    q = next(q for q in pp.AnalyticIk().solve_all(ur5, grasp).q if leave.is_free(q))
+    path = pp.plan_linear(leave, q, above).path
+    for curve in (path, pp.time_parametrise(path, ur5.limits)):
+        certificate = pp.certify(curve, checker, parting=[("part", "table")])
         assert certificate.status is FREE, str(certificate)
         assert certificate.matches(curve, ur5, scene, [part])
         (parting,) = certificate.partings
         assert parting.until < 0.2 * curve.domain[1]
-    pressed = plan_linear(leave, q, below).path
-    onwards = plan_linear(leave, pressed.end, above).path
+    pressed = pp.plan_linear(leave, q, below).path
+    onwards = pp.plan_linear(leave, pressed.end, above).path
     both = CubicPath(
         np.concatenate([pressed.q, onwards.q[1:]]), np.concatenate([pressed.tangents, onwards.tangents[1:]]),
         np.concatenate([pressed.knots, pressed.knots[-1] + onwards.knots[1:]]), ur5.joint_names,
     )  # fmt: skip
-    certificate = certify(both, checker, parting=[("part", "table")])
+    certificate = pp.certify(both, checker, parting=[("part", "table")])
     assert certificate.status is not FREE
     assert certificate.first_contact is None or certificate.first_contact.time < both.domain[1]
 
@@ -282,11 +262,13 @@ def test_an_arm_lifts_a_part_off_a_table(ur5):
 def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
     """Along random pieces of every degree, and for a part of any shape: the sampled decrease is at most the bound."""
     arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
-    part = Obstacle(
-        "part", [Box(0.1, 0.05, 0.2), Cylinder(0.05, 0.3), Capsule(0.02, 0.3)][rng.integers(3)], pose((0, 0, 0.2))
+    part = pp.Obstacle(
+        "part",
+        [pp.Box(0.1, 0.05, 0.2), pp.Cylinder(0.05, 0.3), pp.Capsule(0.02, 0.3)][rng.integers(3)],
+        pp.pose((0, 0, 0.2)),
     )
-    checker = CollisionChecker(
-        arm, Scene([Obstacle("thing", Sphere(0.1), pose(rng.uniform(-1, 1, 3)))]), attached=[part]
+    checker = pp.CollisionChecker(
+        arm, pp.Scene([pp.Obstacle("thing", pp.Sphere(0.1), pp.pose(rng.uniform(-1, 1, 3)))]), attached=[part]
     )
     pair = next(
         k
@@ -311,12 +293,14 @@ def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
 def test_no_free_motion_ever_approaches(gantry, seed):
     """Random curves from the table: a free part rises until it is clear, and stays clear."""
     rng = np.random.default_rng(seed)
-    checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
+    checker = pp.CollisionChecker(gantry, pp.Scene([TABLE]), attached=[PART], margin=MARGIN)
     points = np.cumsum([[0, 0, 0], *(rng.normal(size=(3, 3)) * [0.05, 0.03, 0.05] + [0, 0.02, 0])], axis=0)
     curve = (
-        JointPath(points, gantry.joint_names) if rng.random() < 0.5 else CubicPath.through(points, gantry.joint_names)
+        pp.JointPath(points, gantry.joint_names)
+        if rng.random() < 0.5
+        else CubicPath.through(points, gantry.joint_names)
     )
-    certificate = certify(curve, checker, parting=[("part", "table")])
+    certificate = pp.certify(curve, checker, parting=[("part", "table")])
     times = np.linspace(*curve.domain, 1000)
     lowest = np.array([q[1] + min(s * 0.1 * np.sin(q[2]) for s in (1, -1)) for q in curve(times)])  # its bottom corners
     if certificate.status is FREE:
@@ -352,9 +336,9 @@ PADS = '<box size="0.05 0.05 0.02"/>@-0.2 0 0.01;<box size="0.05 0.05 0.02"/>@0.
 
 
 def hand_over_table(arm, waypoints, support=TABLE, **settings):
-    checker = CollisionChecker(arm, Scene([support]), margin=0.001, **settings)
-    path = JointPath(waypoints, arm.joint_names)
-    return certify(path, checker, parting=[("hand", support.name)]), path, checker
+    checker = pp.CollisionChecker(arm, pp.Scene([support]), margin=0.001, **settings)
+    path = pp.JointPath(waypoints, arm.joint_names)
+    return pp.certify(path, checker, parting=[("hand", support.name)]), path, checker
 
 
 def test_the_rise_of_one_body_does_not_excuse_another_of_the_same_link(tilter):
@@ -406,10 +390,10 @@ def test_a_planned_line_is_not_free_because_one_body_of_two_rises(arm_from_links
             ("end", "fixed", "hand", "tip", "0 0 0.1", "0 0 1"),
         ],
     ).arm(tcp="tip")
-    checker = CollisionChecker(arm, Scene([TABLE]), margin=0.001)
-    above = pose((0, 0, 0.1))
-    for target, ok in ((pose((0, 0, 0.03)) * above, True), (pose((0, 0, 0.6), (0, 3.0, 0)) * above, False)):
-        move = plan_linear(checker, np.zeros(3), target, parting=[("hand", "table")])
+    checker = pp.CollisionChecker(arm, pp.Scene([TABLE]), margin=0.001)
+    above = pp.pose((0, 0, 0.1))
+    for target, ok in ((pp.pose((0, 0, 0.03)) * above, True), (pp.pose((0, 0, 0.6), (0, 3.0, 0)) * above, False)):
+        move = pp.plan_linear(checker, np.zeros(3), target, parting=[("hand", "table")])
         assert move.ok == ok, move.message
         assert move.certificate is not None
         assert move.certificate.status is (FREE if ok else COLLIDING)
@@ -439,10 +423,10 @@ def tray(finely=0, hull=False, wall=0.01, floor=0.01):
     mesh = trimesh.Trimesh(np.concatenate(rings), faces, process=False)
     for _ in range(finely):
         mesh = mesh.subdivide()
-    return Mesh.from_arrays(mesh.vertices, mesh.faces, hull=hull)
+    return pp.Mesh.from_arrays(mesh.vertices, mesh.faces, hull=hull)
 
 
-CUBE = Obstacle("part", Box(0.1, 0.1, 0.1), pose((0, 0, 0.05)))
+CUBE = pp.Obstacle("part", pp.Box(0.1, 0.1, 0.1), pp.pose((0, 0, 0.05)))
 NEXT_TO_WALL = 0.24
 """Where the cube touches the wall of the tray."""
 
@@ -467,22 +451,22 @@ LIFTS = {
 @pytest.mark.parametrize("finely", [0, 2])
 @pytest.mark.parametrize(("waypoints", "expected"), LIFTS.values(), ids=LIFTS)
 def test_a_part_is_lifted_out_of_a_bin_of_any_facets(gantry, waypoints, expected, finely):
-    bin_ = Obstacle("table", tray(finely))
+    bin_ = pp.Obstacle("table", tray(finely))
     certificate = verdict(gantry, *waypoints, support=bin_, part=CUBE)
     assert certificate.status is expected, str(certificate)
     if expected is FREE:
         shown = certificate.partings[0]
         assert shown.bodies == ("part", "table")
         assert shown.until < 1.1
-        alone = CollisionChecker(gantry, Scene([bin_]), attached=[CUBE])
-        curve = JointPath(np.array(waypoints, dtype=float), gantry.joint_names)
+        alone = pp.CollisionChecker(gantry, pp.Scene([bin_]), attached=[CUBE])
+        curve = pp.JointPath(np.array(waypoints, dtype=float), gantry.joint_names)
         after = curve(np.linspace(max(each.until for each in certificate.partings), curve.domain[1], 300))
         assert min(alone.clearance(q) for q in after) > MARGIN
 
 
 def test_a_part_too_deep_in_a_bin_reports_its_depth(gantry):
     """Not that of the bin's hull, in which the part is 100 mm deep."""
-    certificate = verdict(gantry, [0, -0.002, 0], [0, 0.3, 0], support=Obstacle("table", tray(1)), part=CUBE)
+    certificate = verdict(gantry, [0, -0.002, 0], [0, 0.3, 0], support=pp.Obstacle("table", tray(1)), part=CUBE)
     assert "penetrates table by 2.00 mm" in certificate.message
     assert certificate.first_contact.distance == pytest.approx(-0.002, abs=1e-6)
 
@@ -492,7 +476,7 @@ def test_a_part_too_deep_in_a_bin_reports_its_depth(gantry):
 @pytest.mark.parametrize("end", [[0, -0.2, 0], [0, -0.01, 0], [0.2, 0, 0], [0, 0.5, 0], [0, -0.5, 0]])
 def test_a_part_inside_the_solid_never_leaves_it(gantry, finely, top, end):
     """Its top face is at the surface, from below: what it moves away from is the outside."""
-    block = Obstacle("table", tray(finely, floor=0.4))
+    block = pp.Obstacle("table", tray(finely, floor=0.4))
     inside = verdict(gantry, [0, top - 0.1, 0], np.add([0, top - 0.1, 0], end), support=block, part=CUBE)
     assert inside.status is not FREE, str(inside)
 
@@ -506,9 +490,9 @@ def test_a_part_leaves_both_sides_of_a_groove(gantry):
     faces = [*ends, *([c + 7, b + 7, a + 7] for a, b, c in ends)]
     for a, b in around:
         faces += [[b, a, a + 7], [b, a + 7, b + 7]]
-    groove = Obstacle("table", Mesh.from_arrays(vertices, np.array(faces), hull=False))
+    groove = pp.Obstacle("table", pp.Mesh.from_arrays(vertices, np.array(faces), hull=False))
     radius = 0.04
-    rod = Obstacle("part", Cylinder(radius, 0.2), pose((0, 0, np.sqrt(2) * radius), (np.pi / 2, 0, 0)))
+    rod = pp.Obstacle("part", pp.Cylinder(radius, 0.2), pp.pose((0, 0, np.sqrt(2) * radius), (np.pi / 2, 0, 0)))
     up = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=groove, part=rod)
     assert up.status is FREE, str(up)
     normals = sorted(tuple(np.round(each.normal, 6)) for each in up.partings)
@@ -519,8 +503,8 @@ def test_a_part_leaves_both_sides_of_a_groove(gantry):
 
 
 def test_a_support_that_is_hollow_or_made_of_points_is_left_too(gantry):
-    cloud = PointCloud(np.stack(np.meshgrid(*[np.linspace(-0.2, 0.2, 81)] * 2, [-0.0025]), -1).reshape(-1, 3), 0.005)
-    for support in (Obstacle("table", cloud), Obstacle("table", HeightMap(np.zeros((9, 9)), 0.8, 0.8))):
+    cloud = pp.PointCloud(np.stack(np.meshgrid(*[np.linspace(-0.2, 0.2, 81)] * 2, [-0.0025]), -1).reshape(-1, 3), 0.005)
+    for support in (pp.Obstacle("table", cloud), pp.Obstacle("table", HeightMap(np.zeros((9, 9)), 0.8, 0.8))):
         up = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=support, part=CUBE)
         assert up.status is FREE, str(up)
         assert verdict(gantry, [0, 0, 0], [0, -0.01, 0], [0, 0.3, 0], support=support, part=CUBE).status is COLLIDING
@@ -528,22 +512,22 @@ def test_a_support_that_is_hollow_or_made_of_points_is_left_too(gantry):
 
 def test_several_supports_at_once(gantry):
     """Across two rails, one an exact mesh, against a stop that is a bin's wall."""
-    rails = [Obstacle("left", Box(0.02, 0.3, 0.1), pose((-0.04, 0, -0.05)))]
-    rails.append(Obstacle("right", cuboid(0.02, 0.3, 0.1, False), pose((0.04, 0, -0.05))))
-    stop = Obstacle("stop", tray(1), pose((-0.29 + 0.05, 0, -0.1)))
-    checker = CollisionChecker(gantry, Scene([*rails, stop]), attached=[CUBE], margin=MARGIN)
+    rails = [pp.Obstacle("left", pp.Box(0.02, 0.3, 0.1), pp.pose((-0.04, 0, -0.05)))]
+    rails.append(pp.Obstacle("right", cuboid(0.02, 0.3, 0.1, False), pp.pose((0.04, 0, -0.05))))
+    stop = pp.Obstacle("stop", tray(1), pp.pose((-0.29 + 0.05, 0, -0.1)))
+    checker = pp.CollisionChecker(gantry, pp.Scene([*rails, stop]), attached=[CUBE], margin=MARGIN)
     names = [("part", "left"), ("right", "part"), ("part", "stop")]
-    aslant = JointPath([[0, 0, 0], [-0.05, 0.3, 0]], gantry.joint_names)
-    free = certify(aslant, checker, parting=names)
+    aslant = pp.JointPath([[0, 0, 0], [-0.05, 0.3, 0]], gantry.joint_names)
+    free = pp.certify(aslant, checker, parting=names)
     assert free.status is FREE, str(free)
     assert {each.bodies[1] for each in free.partings} == {"left", "right", "stop"}
-    assert certify(aslant, checker, parting=names[:2]).status is COLLIDING
+    assert pp.certify(aslant, checker, parting=names[:2]).status is COLLIDING
 
 
 @pytest.mark.parametrize("finely", [0, 2])
 @pytest.mark.parametrize("sink", [0.0, 0.0005, -0.0005])
 def test_directions_to_facets_are_the_normals_of_floor_and_wall(gantry, finely, sink):
-    checker = CollisionChecker(gantry, Scene([Obstacle("table", tray(finely))]), attached=[CUBE])
+    checker = pp.CollisionChecker(gantry, pp.Scene([pp.Obstacle("table", tray(finely))]), attached=[CUBE])
     (pair,) = (k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[j].owner == "table")
 
     def directions(x, z):
@@ -560,8 +544,8 @@ def test_a_ball_between_two_edges_leaves_each_in_its_own_direction(gantry, sink)
     """A ball rests on the edges of two bars, farther below their upper sides than a contact may be deep."""
     bars = [trimesh.creation.box((0.1, 1.0, 0.1)).apply_translation((x, 0, -0.05)) for x in (-0.08, 0.08)]
     both = trimesh.util.concatenate(bars)
-    support = Obstacle("table", Mesh.from_arrays(np.asarray(both.vertices), np.asarray(both.faces), hull=False))
-    ball = Obstacle("part", Sphere(0.05), pose((0, 0, 0.04)))
+    support = pp.Obstacle("table", pp.Mesh.from_arrays(np.asarray(both.vertices), np.asarray(both.faces), hull=False))
+    ball = pp.Obstacle("part", pp.Sphere(0.05), pp.pose((0, 0, 0.04)))
     assert verdict(gantry, [0, 0, 0], [0, 0.1, 0], sink=sink, support=support, part=ball).status is FREE
     assert verdict(gantry, [0, 0, 0], [0.03, 0.015, 0], sink=sink, support=support, part=ball).status is not FREE
 
@@ -571,8 +555,8 @@ def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     bar = trimesh.creation.box((0.2, 0.1, 0.03)).apply_translation((0, 0, 0.115))
     leg = trimesh.creation.box((0.03, 0.09, 0.11)).apply_translation((-0.085, 0, 0.055))
     both = trimesh.util.concatenate([bar, leg])
-    hook = Obstacle("part", Mesh.from_arrays(both.vertices, both.faces, hull=False))
-    block = Obstacle("table", Box(0.1, 0.2, 0.1), pose((0.05, 0, 0.05)))
+    hook = pp.Obstacle("part", pp.Mesh.from_arrays(both.vertices, both.faces, hull=False))
+    block = pp.Obstacle("table", pp.Box(0.1, 0.2, 0.1), pp.pose((0.05, 0, 0.05)))
     certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=block, part=hook)
     assert certificate.status is UNDECIDED
     assert "convex hull of part" in certificate.message
@@ -593,8 +577,8 @@ def test_a_part_of_overlapping_bodies_separates_from_a_body_under_its_hull(gantr
     if inverted:
         boxes[1].invert()
     bridge = trimesh.util.concatenate(boxes)
-    part = Obstacle("part", Mesh.from_arrays(bridge.vertices, bridge.faces))
-    rail = Obstacle("rail", Box(0.08, 0.5, 0.06), pose((0, 0, 0.03)))
+    part = pp.Obstacle("part", pp.Mesh.from_arrays(bridge.vertices, bridge.faces))
+    rail = pp.Obstacle("rail", pp.Box(0.08, 0.5, 0.06), pp.pose((0, 0, 0.03)))
     lifted = verdict(gantry, [0, 0, 0], [0, 0.3, 0], part=part, scene=[rail])
     assert lifted.status is FREE
     assert [parting.bodies for parting in lifted.partings] == [("part", "table")] * 2  # the two legs

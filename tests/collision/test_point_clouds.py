@@ -11,34 +11,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    CollisionChecker,
-    InputError,
-    JointPath,
-    Obstacle,
-    PointCloud,
-    Scene,
-    certify,
-    load_robot,
-    pose,
-    verify_proof,
-)
+import pinproof as pp
 from pinproof.collision.certificates.certificate import notes_of
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.surfaces import merged_cells
 from pinproof.errors import SceneError
 
-HERE = pose((0.2, -0.1, 0.3), (0.3, -0.4, 0.5))
+HERE = pp.pose((0.2, -0.1, 0.3), (0.3, -0.4, 0.5))
 
 
-def noisy_table(noise: float, resolution: float = 0.02) -> PointCloud:
+def noisy_table(noise: float, resolution: float = 0.02) -> pp.PointCloud:
     """A table top and a wall behind it as a depth camera measures them."""
     rng = np.random.default_rng(0)
     x, y = (side.ravel() for side in np.meshgrid(np.arange(0.3, 1.0, 0.01), np.arange(-0.6, 0.6, 0.01)))
     table = np.stack([x, y, np.full_like(x, -0.05)], axis=1)
     wall = np.stack([np.full_like(x, 1.0), y, x - 0.3], axis=1)
     points = np.concatenate([table, wall])
-    return PointCloud(points + rng.normal(0, noise, points.shape), resolution)
+    return pp.PointCloud(points + rng.normal(0, noise, points.shape), resolution)
 
 
 cells_of_any_shape = st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=1, max_size=60, unique=True).map(
@@ -63,7 +52,7 @@ def test_a_plane_of_cells_is_one_box():
 
 
 def test_the_boxes_are_where_the_cells_are():
-    cloud = PointCloud(np.random.default_rng(1).uniform(-0.2, 0.2, (200, 3)), 0.05)
+    cloud = pp.PointCloud(np.random.default_rng(1).uniform(-0.2, 0.2, (200, 3)), 0.05)
     bodies = shape_bodies("cloud", None, cloud, HERE)
     assert {body.owner for body in bodies} == {"cloud"}
     assert all(body.support is not None for body in bodies)
@@ -83,7 +72,7 @@ def test_the_boxes_are_where_the_cells_are():
 def test_distances_equal_those_of_the_surface_of_the_cells():
     """The distance of a ball from the boxes is that from one mesh of the outer faces of all cells."""
     cloud, ball = noisy_table(0.005), coal.Sphere(0.02)
-    bodies = [*shape_bodies("cloud", None, cloud, pose()), shape_body("cloud", "cloud", None, cloud, pose())]
+    bodies = [*shape_bodies("cloud", None, cloud, pp.pose()), shape_body("cloud", "cloud", None, cloud, pp.pose())]
     for center in np.random.default_rng(3).uniform([0.3, -0.6, 0.05], [0.9, 0.6, 0.5], (10, 3)):
         *boxes, surface = (
             coal.distance(
@@ -100,33 +89,33 @@ def test_distances_equal_those_of_the_surface_of_the_cells():
 
 
 def test_a_motion_beside_a_cloud_is_proven_and_the_proof_is_verified(tmp_path):
-    arm = load_robot("ur5").arm()
-    checker = CollisionChecker(arm, Scene([Obstacle("cloud", noisy_table(0.01, 0.06))]), margin=0.002)
-    path = JointPath(np.array([arm.home, arm.home + 0.3 * np.eye(6)[0]]), arm.joint_names)
-    certificate = certify(path, checker, record=True)
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("cloud", noisy_table(0.01, 0.06))]), margin=0.002)
+    path = pp.JointPath(np.array([arm.home, arm.home + 0.3 * np.eye(6)[0]]), arm.joint_names)
+    certificate = pp.certify(path, checker, record=True)
     assert certificate.free
     certificate.save(tmp_path / "proof.json.gz")
-    assert verify_proof(tmp_path / "proof.json.gz", checker, path).ok
+    assert pp.verify_proof(tmp_path / "proof.json.gz", checker, path).ok
 
 
 def test_points_that_are_not_finite_are_dropped_and_counted():
     measured = [[0.1, 0.2, 0.3], [np.nan, 0, 0], [0, np.inf, 0], [0.5, 0.5, 0.5]]
-    cloud = PointCloud(measured, 0.01)
+    cloud = pp.PointCloud(measured, 0.01)
     assert (len(cloud.points), cloud.dropped) == (2, 2)
     assert pickle.loads(pickle.dumps(cloud)).dropped == 2
-    checker = CollisionChecker(load_robot("ur5").arm(), Scene([Obstacle("seen", cloud)]))
+    checker = pp.CollisionChecker(pp.load_robot("ur5").arm(), pp.Scene([pp.Obstacle("seen", cloud)]))
     assert any("2 points that are not finite are dropped" in note for note in notes_of(checker))
 
 
 def test_a_cloud_without_a_finite_point_is_refused():
-    with pytest.raises(InputError, match="3 points, of which none is finite"):
-        PointCloud(np.full((3, 3), np.nan), 0.01)
+    with pytest.raises(pp.InputError, match="3 points, of which none is finite"):
+        pp.PointCloud(np.full((3, 3), np.nan), 0.01)
 
 
 def test_points_of_a_scene_file_may_be_not_finite(tmp_path):
     path = tmp_path / "scene.yaml"
     path.write_text("obstacles:\n  - {name: a, point_cloud: {points: [[0, 0, 1], [.nan, 0, 0]], resolution: 0.1}}")
-    assert Scene.load(path)["a"].shape.dropped == 1
+    assert pp.Scene.load(path)["a"].shape.dropped == 1
     path.write_text("obstacles:\n  - {name: a, point_cloud: {points: [[.nan, 0, 0]], resolution: 0.1}}")
     with pytest.raises(SceneError, match="none is finite"):
-        Scene.load(path)
+        pp.Scene.load(path)

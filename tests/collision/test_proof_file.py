@@ -12,26 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
+import pinproof as pp
 import pinproof.verifier
-from pinproof import (
-    Box,
-    Capsule,
-    CollisionChecker,
-    Cylinder,
-    FileError,
-    HalfSpace,
-    InputError,
-    JointPath,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    certify,
-    load_robot,
-    pose,
-    time_parametrise,
-    verify_proof,
-)
 from pinproof.collision import Cone, Ellipsoid
 from pinproof.errors import NotProvenFree
 from pinproof.motion import CubicPath
@@ -40,23 +22,23 @@ from pinproof.verifier import curve_digest, load, verify
 LARGEST_FILE = 5e6
 """Bytes: what a proof may take up."""
 
-SHELF = Scene(
+SHELF = pp.Scene(
     [
-        Obstacle("board", Box(0.6, 0.6, 0.02), pose((0.6, 0, 0.2))),
-        Obstacle("upper", Box(0.6, 0.6, 0.02), pose((0.7, 0, 0.9))),
-        Obstacle("side", Box(0.6, 0.02, 0.8), pose((0.6, 0.5, 0.5), (0, 0, 0.1))),
-        Obstacle("can", Cylinder(0.03, 0.12), pose((0.5, -0.2, 0.28))),
-        Obstacle("ball", Sphere(0.05), pose((0.3, -0.6, 0.5))),
-        Obstacle("floor", HalfSpace(), pose((0, 0, -0.3))),
+        pp.Obstacle("board", pp.Box(0.6, 0.6, 0.02), pp.pose((0.6, 0, 0.2))),
+        pp.Obstacle("upper", pp.Box(0.6, 0.6, 0.02), pp.pose((0.7, 0, 0.9))),
+        pp.Obstacle("side", pp.Box(0.6, 0.02, 0.8), pp.pose((0.6, 0.5, 0.5), (0, 0, 0.1))),
+        pp.Obstacle("can", pp.Cylinder(0.03, 0.12), pp.pose((0.5, -0.2, 0.28))),
+        pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0.3, -0.6, 0.5))),
+        pp.Obstacle("floor", pp.HalfSpace(), pp.pose((0, 0, -0.3))),
     ]
 )
 """A shelf as those of MotionBenchMaker's bookshelves: boards, sides, things on them."""
 
-ROUND = Scene(
+ROUND = pp.Scene(
     [
-        Obstacle("pill", Capsule(0.05, 0.3), pose((0.9, 0.6, 0.3), (1, 0.3, 0))),
-        Obstacle("tip", Cone(0.1, 0.2), pose((-0.9, 0.4, 0.1), (0.5, 0, 0))),
-        Obstacle("egg", Ellipsoid(0.05, 0.1, 0.15), pose((0.2, -1.2, 0.4), (0.3, 0.3, 0.3))),
+        pp.Obstacle("pill", pp.Capsule(0.05, 0.3), pp.pose((0.9, 0.6, 0.3), (1, 0.3, 0))),
+        pp.Obstacle("tip", Cone(0.1, 0.2), pp.pose((-0.9, 0.4, 0.1), (0.5, 0, 0))),
+        pp.Obstacle("egg", Ellipsoid(0.05, 0.1, 0.15), pp.pose((0.2, -1.2, 0.4), (0.3, 0.3, 0.3))),
     ]
 )
 
@@ -67,19 +49,19 @@ def line_through(arm, start, *steps):
     points = [np.asarray(start, dtype=float)]
     for step in steps:
         points.append(points[-1] + step)
-    return JointPath(np.array(points), arm.joint_names)
+    return pp.JointPath(np.array(points), arm.joint_names)
 
 
 def saved(tmp_path, curve, checker, name="proof.json", **settings):
-    certificate = certify(curve, checker, record=True, **settings).or_raise()
+    certificate = pp.certify(curve, checker, record=True, **settings).or_raise()
     certificate.save(tmp_path / name)
     return certificate, tmp_path / name
 
 
 def test_a_panda_in_a_shelf(tmp_path, panda):
-    checker, curve = CollisionChecker(panda, SHELF), line_through(panda, PANDA_HOME, [0.5, 0.2, 0, 0.3, 0.2, 0, 0.4])
+    checker, curve = pp.CollisionChecker(panda, SHELF), line_through(panda, PANDA_HOME, [0.5, 0.2, 0, 0.3, 0.2, 0, 0.4])
     certificate, file = saved(tmp_path, curve, checker)
-    verdict = verify_proof(file, checker, curve)
+    verdict = pp.verify_proof(file, checker, curve)
     assert verdict.ok, verdict
     assert verdict.not_compared == ()
     assert verdict.clearance >= certificate.clearance - 1e-6
@@ -94,12 +76,12 @@ def test_a_panda_in_a_shelf(tmp_path, panda):
 
 def test_fingers_that_move_with_their_leader(tmp_path):
     """An arm whose q opens a finger, and the other finger mimics it."""
-    arm = load_robot("panda").arm(tcp="panda_leftfinger")
+    arm = pp.load_robot("panda").arm(tcp="panda_leftfinger")
     assert arm.followers
     curve = line_through(arm, np.append(PANDA_HOME, 0.005), np.append([0.3, 0, 0, 0, 0, 0.2, 0.3], 0.03))
-    checker = CollisionChecker(arm, SHELF)
+    checker = pp.CollisionChecker(arm, SHELF)
     _, file = saved(tmp_path, curve, checker)
-    assert verify_proof(file, checker, curve).ok
+    assert pp.verify_proof(file, checker, curve).ok
     followers = [row for row in load(file)["joints"] if row["name"] in arm.followers]
     assert [row["leader"] for row in followers] == [arm.dof - 1]
 
@@ -107,19 +89,19 @@ def test_fingers_that_move_with_their_leader(tmp_path):
 @pytest.mark.parametrize("name", ["generic_6dof", "stanford", "scara", "ur5"])
 @pytest.mark.slow
 def test_other_arms_among_round_things_in_a_tube(tmp_path, name):
-    arm = load_robot(name).arm()
+    arm = pp.load_robot(name).arm()
     rng, proven = np.random.default_rng(1), 0
     lower, upper = arm.limits.sampling_range()
     while proven < 2:
         start = rng.uniform(lower, upper)
         curve = line_through(arm, start, 0.15 * rng.uniform(-1, 1, (1, arm.dof))[0])
-        checker = CollisionChecker(arm, ROUND, margin=0.001)
-        certificate = certify(curve, checker, joint_tolerance=1e-3, obstacle_tolerance=2e-3, record=True)
+        checker = pp.CollisionChecker(arm, ROUND, margin=0.001)
+        certificate = pp.certify(curve, checker, joint_tolerance=1e-3, obstacle_tolerance=2e-3, record=True)
         if not certificate.free:
             continue
         proven += 1
         certificate.save(tmp_path / "proof.json.gz")
-        verdict = verify_proof(tmp_path / "proof.json.gz", checker, curve)
+        verdict = pp.verify_proof(tmp_path / "proof.json.gz", checker, curve)
         assert verdict.ok, verdict
         assert verdict.clearance >= certificate.clearance - 1e-6
         assert verdict.joint_tolerance == (1e-3,) * arm.dof
@@ -128,20 +110,20 @@ def test_other_arms_among_round_things_in_a_tube(tmp_path, name):
 
 def test_curves_of_every_kind(tmp_path, generic_6dof):
     path = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0], [0.2, -0.1, 0.1, 0, 0, 0.3])
-    checker = CollisionChecker(generic_6dof, ROUND)
+    checker = pp.CollisionChecker(generic_6dof, ROUND)
     cubic = CubicPath(path.q, [[0.4, 0, 0, 0, 0, 0], [0, 0.4, 0, 0, 0, 0], [0.3] * 6], [0, 1, 3], path.joint_names)
-    still = JointPath(path.q[:1], generic_6dof.joint_names)
-    for curve in (path, cubic, time_parametrise(path, generic_6dof.limits), still):
+    still = pp.JointPath(path.q[:1], generic_6dof.joint_names)
+    for curve in (path, cubic, pp.time_parametrise(path, generic_6dof.limits), still):
         _, file = saved(tmp_path, curve, checker)
-        assert verify_proof(file, checker, curve).ok
+        assert pp.verify_proof(file, checker, curve).ok
 
 
 def test_an_arm_with_nothing_to_touch(tmp_path, slider, path):
     """No pair: no clearance to speak of, and a proof all the same."""
-    checker = CollisionChecker(slider)
+    checker = pp.CollisionChecker(slider)
     certificate, file = saved(tmp_path, path(slider, [0.0], [0.1]), checker)
     assert certificate.pairs == 0
-    verdict = verify_proof(file, checker)
+    verdict = pp.verify_proof(file, checker)
     assert verdict.ok
     assert verdict.clearance == np.inf
 
@@ -149,7 +131,7 @@ def test_an_arm_with_nothing_to_touch(tmp_path, slider, path):
 def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
     curve = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
     for name in ("a.json", "b.json", "a.json.gz", "b.json.gz"):
-        saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND), name)
+        saved(tmp_path, curve, pp.CollisionChecker(generic_6dof, ROUND), name)
     assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
     assert (tmp_path / "a.json.gz").read_bytes() == (tmp_path / "b.json.gz").read_bytes()
     assert load(tmp_path / "a.json") == load(tmp_path / "a.json.gz")
@@ -158,7 +140,7 @@ def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
 @pytest.mark.slow
 def test_a_copy_of_the_verifier_runs_without_the_rest(tmp_path, generic_6dof):
     curve = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
-    _, file = saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND))
+    _, file = saved(tmp_path, curve, pp.CollisionChecker(generic_6dof, ROUND))
     shutil.copytree(Path(pinproof.verifier.__file__).parent, tmp_path / "verifier")
     watch = (
         "import runpy, sys\n"
@@ -177,24 +159,24 @@ def test_a_copy_of_the_verifier_runs_without_the_rest(tmp_path, generic_6dof):
 
 
 def test_a_certificate_without_evidence_names_the_setting_that_records_it(tmp_path, slider, path):
-    with pytest.raises(InputError, match="record=True"):
-        certify(path(slider, [0.0], [0.1]), CollisionChecker(slider)).save(tmp_path / "proof.json")
+    with pytest.raises(pp.InputError, match="record=True"):
+        pp.certify(path(slider, [0.0], [0.1]), pp.CollisionChecker(slider)).save(tmp_path / "proof.json")
 
 
 def test_a_contact_is_not_a_proof(tmp_path, slider, path):
-    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))])
-    certificate = certify(path(slider, [0.0], [0.4]), CollisionChecker(slider, wall), record=True)
-    with pytest.raises(InputError, match="COLLIDING"):
+    wall = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.3, 0, 0)))])
+    certificate = pp.certify(path(slider, [0.0], [0.4]), pp.CollisionChecker(slider, wall), record=True)
+    with pytest.raises(pp.InputError, match="COLLIDING"):
         certificate.save(tmp_path / "proof.json")
     assert not list(tmp_path.iterdir())
 
 
 def test_surfaces_are_named_with_the_remedy(tmp_path, slider, path):
     box = trimesh.creation.box((0.1, 0.1, 0.1))
-    part = Mesh.from_arrays(box.vertices + np.array([0, 0.5, 0]), box.faces, hull=False)
-    scene = Scene([Obstacle("part", part)])
-    certificate = certify(path(slider, [0.0], [0.1]), CollisionChecker(slider, scene), record=True)
-    with pytest.raises(InputError, match=r"part.*hull=True"):
+    part = pp.Mesh.from_arrays(box.vertices + np.array([0, 0.5, 0]), box.faces, hull=False)
+    scene = pp.Scene([pp.Obstacle("part", part)])
+    certificate = pp.certify(path(slider, [0.0], [0.1]), pp.CollisionChecker(slider, scene), record=True)
+    with pytest.raises(pp.InputError, match=r"part.*hull=True"):
         certificate.save(tmp_path / "proof.json")
 
 
@@ -204,33 +186,39 @@ def test_surfaces_of_links_are_named_with_the_remedy(tmp_path, arm_from_links, m
         {"root": "", "block": f'<mesh filename="{file}"/>'},
         [("slide", "prismatic", "root", "block", "0 0 0", "1 0 0")],
     ).arm(tcp="block")
-    scene = Scene([Obstacle("ball", Sphere(0.1), pose((0, 1, 0)))])
-    certificate = certify(path(arm, [0.0], [0.1]), CollisionChecker(arm, scene, link_meshes="surface"), record=True)
-    with pytest.raises(InputError, match=r'block.*link_meshes="decomposed"'):
+    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0, 1, 0)))])
+    certificate = pp.certify(
+        path(arm, [0.0], [0.1]), pp.CollisionChecker(arm, scene, link_meshes="surface"), record=True
+    )
+    with pytest.raises(pp.InputError, match=r'block.*link_meshes="decomposed"'):
         certificate.save(tmp_path / "proof.json")
 
 
 def test_shapes_of_different_kinds_do_not_match(tmp_path, slider, path):
     """The obstacle is a half-space in the proof and a box in the scene, or the other way round."""
-    scenes = [Scene([Obstacle("floor", shape, pose((0, 0, -1)))]) for shape in (HalfSpace(), Box(1, 1, 0.1))]
-    checkers = [CollisionChecker(slider, scene) for scene in scenes]
+    scenes = [
+        pp.Scene([pp.Obstacle("floor", shape, pp.pose((0, 0, -1)))]) for shape in (pp.HalfSpace(), pp.Box(1, 1, 0.1))
+    ]
+    checkers = [pp.CollisionChecker(slider, scene) for scene in scenes]
     curve = path(slider, [0.0], [0.1])
     for k, checker in enumerate(checkers):
         _, file = saved(tmp_path, curve, checker)
-        assert verify_proof(file, checker, curve).ok
-        assert any(".shape: differs from your floor" in each for each in verify_proof(file, checkers[1 - k]).reasons)
+        assert pp.verify_proof(file, checker, curve).ok
+        assert any(".shape: differs from your floor" in each for each in pp.verify_proof(file, checkers[1 - k]).reasons)
 
 
 def test_the_hash_of_the_scene_is_that_of_its_obstacles_only(tmp_path, slider, path):
-    balls = [Obstacle(f"ball{k}", Sphere(0.1 + 0.01 * k), pose((0, 1, k))) for k in range(3)]
-    curve, tool = path(slider, [0.0], [0.2]), Obstacle("tool", Sphere(0.01), pose((0, -0.1, 0)))
+    balls = [pp.Obstacle(f"ball{k}", pp.Sphere(0.1 + 0.01 * k), pp.pose((0, 1, k))) for k in range(3)]
+    curve, tool = path(slider, [0.0], [0.2]), pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0, -0.1, 0)))
 
     def hashed(obstacles, *attached):
-        checker = CollisionChecker(slider, Scene(obstacles), attached=attached)
+        checker = pp.CollisionChecker(slider, pp.Scene(obstacles), attached=attached)
         return load(saved(tmp_path, curve, checker)[1])["hashes"]["scene"]
 
-    changed = [[*balls[:k], Obstacle(f"ball{k}", Sphere(0.2), balls[k].pose), *balls[k + 1 :]] for k in range(3)]
-    moved = [[*balls[:k], Obstacle(f"ball{k}", balls[k].shape, pose((0, 1.5, k))), *balls[k + 1 :]] for k in range(3)]
+    changed = [[*balls[:k], pp.Obstacle(f"ball{k}", pp.Sphere(0.2), balls[k].pose), *balls[k + 1 :]] for k in range(3)]
+    moved = [
+        [*balls[:k], pp.Obstacle(f"ball{k}", balls[k].shape, pp.pose((0, 1.5, k))), *balls[k + 1 :]] for k in range(3)
+    ]
     found = [hashed(obstacles) for obstacles in (balls, balls[1:], balls[:-1], *changed, *moved)]
     assert len(set(found)) == len(found)
     assert hashed(balls, tool) == found[0]
@@ -238,18 +226,18 @@ def test_the_hash_of_the_scene_is_that_of_its_obstacles_only(tmp_path, slider, p
 
 @pytest.mark.parametrize("name", ["proof.yaml", "proof", "proof.gz"])
 def test_another_ending_is_refused(tmp_path, slider, path, name):
-    certificate = certify(path(slider, [0.0], [0.1]), CollisionChecker(slider), record=True)
-    with pytest.raises(InputError, match=r"\.json"):
+    certificate = pp.certify(path(slider, [0.0], [0.1]), pp.CollisionChecker(slider), record=True)
+    with pytest.raises(pp.InputError, match=r"\.json"):
         certificate.save(tmp_path / name)
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"\x1f\x8b broken", b'{"a": 1, "a": 2}', b"\xff\xfe", b"[" * 100_000])
 def test_a_file_without_json_is_an_error(tmp_path, data):
     (tmp_path / "proof.json").write_bytes(data)
-    with pytest.raises(FileError, match=r"proof\.json"):
-        verify_proof(tmp_path / "proof.json")
-    with pytest.raises(FileError):
-        verify_proof(tmp_path / "nowhere.json")
+    with pytest.raises(pp.FileError, match=r"proof\.json"):
+        pp.verify_proof(tmp_path / "proof.json")
+    with pytest.raises(pp.FileError):
+        pp.verify_proof(tmp_path / "nowhere.json")
 
 
 # -- whose proof it is ---------------------------------------------------------------------------------------------
@@ -258,7 +246,7 @@ def test_a_file_without_json_is_an_error(tmp_path, data):
 @pytest.fixture(scope="module")
 def known(tmp_path_factory, generic_6dof):
     """A proof file, with its checker and curve."""
-    checker = CollisionChecker(generic_6dof, ROUND, margin=0.001)
+    checker = pp.CollisionChecker(generic_6dof, ROUND, margin=0.001)
     curve = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
     _, file = saved(tmp_path_factory.mktemp("proof"), curve, checker)
     return file, checker, curve
@@ -266,15 +254,15 @@ def known(tmp_path_factory, generic_6dof):
 
 def test_omitted_comparisons_are_reported(known):
     file, checker, curve = known
-    assert verify_proof(file).not_compared == ("the robot", "the scene", "the motion")
-    assert verify_proof(file, curve=curve).not_compared == ("the robot", "the scene")
+    assert pp.verify_proof(file).not_compared == ("the robot", "the scene", "the motion")
+    assert pp.verify_proof(file, curve=curve).not_compared == ("the robot", "the scene")
     # Without the motion it is not known that it is a path, which has no rates.
-    rates, motion = verify_proof(file, checker).not_compared
+    rates, motion = pp.verify_proof(file, checker).not_compared
     assert "velocity" in rates
     assert motion == "the motion"
-    assert verify_proof(file, checker, curve).not_compared == ()
-    assert "NOT compared" in str(verify_proof(file))
-    less = verify_proof(file, checker.with_scene(ROUND.remove("egg")), curve)
+    assert pp.verify_proof(file, checker, curve).not_compared == ()
+    assert "NOT compared" in str(pp.verify_proof(file))
+    less = pp.verify_proof(file, checker.with_scene(ROUND.remove("egg")), curve)
     assert less.ok
     assert less.not_compared == ("egg (not in yours)",)
 
@@ -282,17 +270,20 @@ def test_omitted_comparisons_are_reported(known):
 @pytest.mark.parametrize(
     ("other", "place"),
     [
-        (lambda c: c.with_scene(ROUND.move("egg", pose((0.2, -1.2, 0.4001), (0.3, 0.3, 0.3)))), "your egg"),
-        (lambda c: c.with_scene(ROUND.remove("egg").add(Obstacle("egg", Sphere(0.05)))), "your egg"),
-        (lambda c: c.with_scene(ROUND.add(Obstacle("more", Sphere(0.05), pose((3, 0, 0))))), "your more"),
+        (lambda c: c.with_scene(ROUND.move("egg", pp.pose((0.2, -1.2, 0.4001), (0.3, 0.3, 0.3)))), "your egg"),
+        (lambda c: c.with_scene(ROUND.remove("egg").add(pp.Obstacle("egg", pp.Sphere(0.05)))), "your egg"),
+        (lambda c: c.with_scene(ROUND.add(pp.Obstacle("more", pp.Sphere(0.05), pp.pose((3, 0, 0))))), "your more"),
         (lambda c: c.with_margin(0.002), "settings.margin"),
-        (lambda c: CollisionChecker(load_robot("ur5").arm(), ROUND), "joint_names"),
-        (lambda c: c.with_attached(Obstacle("tool", Sphere(0.001), pose((0, 0, 0.05)))), "your tool is missing"),
+        (lambda c: pp.CollisionChecker(pp.load_robot("ur5").arm(), ROUND), "joint_names"),
+        (
+            lambda c: c.with_attached(pp.Obstacle("tool", pp.Sphere(0.001), pp.pose((0, 0, 0.05)))),
+            "your tool is missing",
+        ),
     ],
 )
 def test_another_robot_or_scene_does_not_match_the_proof(known, other, place):
     file, checker, curve = known
-    verdict = verify_proof(file, other(checker), curve)
+    verdict = pp.verify_proof(file, other(checker), curve)
     assert not verdict.ok
     assert place in str(verdict)
 
@@ -300,10 +291,10 @@ def test_another_robot_or_scene_does_not_match_the_proof(known, other, place):
 @pytest.fixture(scope="module")
 def with_fingers(tmp_path_factory):
     """The proof of an arm with meshes, whose fingers are held."""
-    panda = load_robot("panda").arm(held={"panda_finger_joint1": 0.03})
-    checker, curve = CollisionChecker(panda), line_through(panda, PANDA_HOME, [0.1, 0.1, 0, 0.1, 0.1, 0, 0.1])
+    panda = pp.load_robot("panda").arm(held={"panda_finger_joint1": 0.03})
+    checker, curve = pp.CollisionChecker(panda), line_through(panda, PANDA_HOME, [0.1, 0.1, 0, 0.1, 0.1, 0, 0.1])
     _, file = saved(tmp_path_factory.mktemp("fingers"), curve, checker)
-    assert verify_proof(file, checker, curve).ok
+    assert pp.verify_proof(file, checker, curve).ok
     return load(file), checker, curve
 
 
@@ -330,7 +321,7 @@ def test_names_held_joints_and_mesh_files_of_the_proof_are_compared(tmp_path, wi
     change(forged)
     (tmp_path / "forged.json").write_text(json.dumps(forged))
     assert verify(forged).ok
-    reasons = verify_proof(tmp_path / "forged.json", checker, curve).reasons
+    reasons = pp.verify_proof(tmp_path / "forged.json", checker, curve).reasons
     assert any(reason.startswith(place) for reason in reasons), reasons
 
 
@@ -338,27 +329,27 @@ def test_pairs_disabled_by_the_srdf_are_listed(tmp_path, known):
     _, checker, curve = known
     allowed = checker.allowing(("link_6", "egg"))
     _, file = saved(tmp_path, curve, allowed)
-    assert verify_proof(file, allowed, curve).ok
-    assert "your checker requires link_6_0 and egg" in str(verify_proof(file, checker, curve))
+    assert pp.verify_proof(file, allowed, curve).ok
+    assert "your checker requires link_6_0 and egg" in str(pp.verify_proof(file, checker, curve))
 
 
 def test_another_motion_does_not_match_the_proof(known):
     file, checker, curve = known
-    nearly = JointPath(curve.q + 1e-6, curve.joint_names)
-    assert "curve.control[0]" in str(verify_proof(file, checker, nearly))
+    nearly = pp.JointPath(curve.q + 1e-6, curve.joint_names)
+    assert "curve.control[0]" in str(pp.verify_proof(file, checker, nearly))
     longer = line_through(checker.arm, curve.q[0], [0.1] * 6, [0.1] * 6)
-    assert "other pieces" in str(verify_proof(file, checker, longer))
-    assert verify_proof(file, checker, JointPath(curve.q + 1e-13, curve.joint_names)).ok
+    assert "other pieces" in str(pp.verify_proof(file, checker, longer))
+    assert pp.verify_proof(file, checker, pp.JointPath(curve.q + 1e-13, curve.joint_names)).ok
 
 
 @pytest.mark.parametrize("by", [1e-4, 1e-10, 2.3e-16])
 def test_knots_are_compared_exactly(tmp_path, generic_6dof, by):
     q = generic_6dof.home + np.array([[0.0] * 6, [0.3, 0.1, 0, 0, 0.2, 0], [0.4, 0.1, 0.1, 0, 0.2, 0]])
-    checker = CollisionChecker(generic_6dof, ROUND)
+    checker = pp.CollisionChecker(generic_6dof, ROUND)
     curve, other = (CubicPath(q, np.zeros((3, 6)), [0, 1 + e, 3], generic_6dof.joint_names) for e in (0.0, by))
     _, file = saved(tmp_path, curve, checker)
-    assert verify_proof(file, checker, curve).ok
-    verdict = verify_proof(file, checker, other)
+    assert pp.verify_proof(file, checker, curve).ok
+    verdict = pp.verify_proof(file, checker, other)
     assert "curve.knots[1]" in str(verdict)
     assert np.isnan(verdict.clearance)
 
@@ -366,8 +357,8 @@ def test_knots_are_compared_exactly(tmp_path, generic_6dof, by):
 @pytest.mark.parametrize("width", [5e-324, 1e-9])
 def test_a_forged_proof_of_a_motion_through_a_wall_is_refused(tmp_path, slider, path, width):
     """Robot, scene and motion are those compared with; the motion is in a piece of nearly no width."""
-    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.5, 0, 0)))])
-    checker = CollisionChecker(slider, wall)
+    wall = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.5, 0, 0)))])
+    checker = pp.CollisionChecker(slider, wall)
     through = CubicPath([[0.0], [1.0]], [[0.0], [0.0]], [0.0, 1e-9], slider.joint_names)
     assert min(checker.clearance(q) for q in through(np.linspace(0, 1e-9, 50))) < -0.04
     _, file = saved(tmp_path, path(slider, [0.0], [0.01]), checker)
@@ -379,13 +370,13 @@ def test_a_forged_proof_of_a_motion_through_a_wall_is_refused(tmp_path, slider, 
     document["hashes"]["curve"] = curve_digest(through.joint_names, knots, control)
     document["claim"]["clearance"] = 0.0
     (tmp_path / "forged.json").write_text(json.dumps(document))
-    assert not verify_proof(tmp_path / "forged.json", checker, through).ok
+    assert not pp.verify_proof(tmp_path / "forged.json", checker, through).ok
 
 
 def test_a_motion_too_fast_for_its_parameter_is_not_saved(tmp_path, slider):
     """A nanosecond for 0.1 m: whoever rounds the times of this motion loses it."""
     curve = CubicPath([[0.0], [0.1]], [[0.0], [0.0]], [0.0, 1e-9], slider.joint_names)
-    certificate = certify(curve, CollisionChecker(slider), record=True).or_raise()
+    certificate = pp.certify(curve, pp.CollisionChecker(slider), record=True).or_raise()
     with pytest.raises(NotProvenFree, match=r"curve\.knots"):
         certificate.save(tmp_path / "proof.json")
 
@@ -396,7 +387,7 @@ def test_a_body_name_must_be_text(tmp_path, known, value):
     document = load(file)
     document["bodies"][0]["name"] = value
     (tmp_path / "forged.json").write_text(json.dumps(document))
-    assert "bodies[0].name" in str(verify_proof(tmp_path / "forged.json", checker, curve))
+    assert "bodies[0].name" in str(pp.verify_proof(tmp_path / "forged.json", checker, curve))
 
 
 def test_a_robot_whose_geometry_was_shrunk_in_the_file_is_not_yours(tmp_path, known):
@@ -410,4 +401,4 @@ def test_a_robot_whose_geometry_was_shrunk_in_the_file_is_not_yours(tmp_path, kn
     body["sha256"] = body_digest(body)
     assert verify(document).ok
     (tmp_path / "shrunk.json").write_text(json.dumps(document))
-    assert f"differs from your {body['name']}" in str(verify_proof(tmp_path / "shrunk.json", checker, curve))
+    assert f"differs from your {body['name']}" in str(pp.verify_proof(tmp_path / "shrunk.json", checker, curve))

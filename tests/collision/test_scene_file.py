@@ -11,23 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import (
-    Box,
-    Capsule,
-    CollisionChecker,
-    Cylinder,
-    HalfSpace,
-    InputError,
-    Mesh,
-    Obstacle,
-    OccupancyGrid,
-    PointCloud,
-    Scene,
-    Sphere,
-    UnknownNameError,
-    load_robot,
-    pose,
-)
+import pinproof as pp
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap, Shape
 from pinproof.description import robots_folder
 from pinproof.errors import SceneError
@@ -64,10 +48,10 @@ def scene_text(tmp_path: Path):
     """Reads a scene from text, as a file in a folder with a mesh ``part.stl``."""
     (tmp_path / "part.stl").write_bytes(b"solid")
 
-    def read(text: str) -> Scene:
+    def read(text: str) -> pp.Scene:
         path = tmp_path / "scene.yaml"
         path.write_text(text, encoding="utf-8")
-        return Scene.load(path)
+        return pp.Scene.load(path)
 
     return read
 
@@ -75,27 +59,27 @@ def scene_text(tmp_path: Path):
 def test_every_shape_is_read(scene_text, tmp_path):
     scene = scene_text(EVERY_SHAPE)
     assert [o.shape for o in scene.obstacles] == [
-        Box(1.2, 0.8, 0.04),
-        Sphere(0.1),
-        Cylinder(0.008, 0.03),
-        Capsule(0.02, 0.3),
-        Mesh(tmp_path / "part.stl", 0.001, hull=False),
-        Mesh(tmp_path / "part.stl", hull=False, hollow=True),
+        pp.Box(1.2, 0.8, 0.04),
+        pp.Sphere(0.1),
+        pp.Cylinder(0.008, 0.03),
+        pp.Capsule(0.02, 0.3),
+        pp.Mesh(tmp_path / "part.stl", 0.001, hull=False),
+        pp.Mesh(tmp_path / "part.stl", hull=False, hollow=True),
         Cone(0.02, 0.05),
         Ellipsoid(0.02, 0.03, 0.04),
-        HalfSpace(),
+        pp.HalfSpace(),
         ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, math.pi / 4]]),
-        Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3]]),
-        PointCloud([[0, 0, 0.123456789012345], [1, 0, 0]], 0.01),
+        pp.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3]]),
+        pp.PointCloud([[0, 0, 0.123456789012345], [1, 0, 0]], 0.01),
         HeightMap([[0, 0.1, 0], [0, 0.2, 0]], 2, 1),
-        OccupancyGrid([[[0, 1, 2]]], 0.1, (-1, 0, 2)),
+        pp.OccupancyGrid([[[0, 1, 2]]], 0.1, (-1, 0, 2)),
     ]
     assert {type(o.shape) for o in scene.obstacles} == set(get_args(Shape))
     assert scene.allowed == (("base_link", "table"),)
     assert (scene.disabled, scene.frame) == ((("wrist_1_link", "wrist_3_link"),), "base_link")
     assert scene["table"].rgba == (1.0, 0.5, 0.0, 1.0)
     np.testing.assert_array_equal(matrix(scene["ball"].pose), np.eye(4))
-    np.testing.assert_allclose(matrix(scene["table"].pose), matrix(pose((0.5, 0, -0.02), (0, 0, math.pi / 2))))
+    np.testing.assert_allclose(matrix(scene["table"].pose), matrix(pp.pose((0.5, 0, -0.02), (0, 0, math.pi / 2))))
     np.testing.assert_allclose(scene["bolt"].pose.rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
 
 
@@ -168,17 +152,17 @@ def test_nonsense_is_refused_by_name_and_place(scene_text, text, wanted):
 
 def test_a_missing_file_and_another_ending_are_refused(tmp_path):
     with pytest.raises(SceneError, match="cannot be read"):
-        Scene.load(tmp_path / "none.yaml")
+        pp.Scene.load(tmp_path / "none.yaml")
     with pytest.raises(SceneError, match=r"valid: \.yaml"):
-        Scene.load(tmp_path / "scene.stl")
+        pp.Scene.load(tmp_path / "scene.stl")
     with pytest.raises(SceneError, match=r"valid: \.yaml"):
-        Scene().save(tmp_path / "scene.stl")
+        pp.Scene().save(tmp_path / "scene.stl")
 
 
 def test_a_written_scene_reads_back(scene_text, tmp_path):
     scene = scene_text(EVERY_SHAPE)
     scene.save(tmp_path / "copy.yaml")
-    copy = Scene.load(tmp_path / "copy.yaml")
+    copy = pp.Scene.load(tmp_path / "copy.yaml")
     assert copy.is_close(scene, 1e-15)
     assert [o.rgba for o in copy.obstacles] == [o.rgba for o in scene.obstacles]
     assert str(tmp_path) not in (tmp_path / "copy.yaml").read_text()  # the mesh moves with its folder
@@ -188,12 +172,12 @@ def test_a_written_scene_in_another_folder_still_finds_its_mesh(scene_text, tmp_
     scene = scene_text(EVERY_SHAPE)
     (tmp_path / "sub").mkdir()
     scene.save(tmp_path / "sub" / "copy.yaml")
-    assert Scene.load(tmp_path / "sub" / "copy.yaml").is_close(scene)
+    assert pp.Scene.load(tmp_path / "sub" / "copy.yaml").is_close(scene)
 
 
 def test_a_scene_that_cannot_be_written_is_an_error_and_leaves_no_file(tmp_path):
     with pytest.raises(SceneError, match="cannot be written"):
-        Scene().save(tmp_path / "none" / "scene.yaml")
+        pp.Scene().save(tmp_path / "none" / "scene.yaml")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -205,15 +189,15 @@ def test_a_scene_that_cannot_be_written_is_an_error_and_leaves_no_file(tmp_path)
 )
 def test_any_box_reads_back(tmp_path_factory, sides, xyz, rpy, name):
     path = tmp_path_factory.mktemp("scene") / "scene.yaml"
-    scene = Scene([Obstacle(name, Box(*sides), pose(xyz, rpy))], allowed=[("link", name)])
+    scene = pp.Scene([pp.Obstacle(name, pp.Box(*sides), pp.pose(xyz, rpy))], allowed=[("link", name)])
     scene.save(path)
-    copy = Scene.load(path)
+    copy = pp.Scene.load(path)
     assert copy.is_close(scene, 1e-14)
     np.testing.assert_array_equal(copy[name].pose.translation, scene[name].pose.translation)
 
 
 def test_the_scene_of_the_ur5_agrees_with_its_comments():
-    scene = Scene.load(robots_folder() / "ur5" / "scene.yaml")
+    scene = pp.Scene.load(robots_folder() / "ur5" / "scene.yaml")
     bolts = [name for name in scene.names if name.startswith("bolt_")]
     assert len(bolts) >= 6
     table = scene["table"]
@@ -221,7 +205,7 @@ def test_the_scene_of_the_ur5_agrees_with_its_comments():
     for bolt in (scene[name] for name in bolts):
         assert bolt.pose.translation[2] - bolt.shape.length / 2 == pytest.approx(top, abs=1e-12)
     assert math.hypot(*scene["bolt_6"].pose.translation[:2]) > 0.95  # out of the UR5's reach
-    assert {link for link, _ in scene.allowed} <= set(load_robot("ur5").urdf.links)
+    assert {link for link, _ in scene.allowed} <= set(pp.load_robot("ur5").urdf.links)
 
 
 @pytest.mark.parametrize(
@@ -231,22 +215,22 @@ def test_a_number_beyond_the_range_of_a_cell_is_refused(tmp_path, line):
     path = tmp_path / "scene.yaml"
     path.write_text(f"obstacles:\n  - {line}\n")
     with pytest.raises(SceneError, match=r"far.*10000 m"):
-        Scene.load(path)
+        pp.Scene.load(path)
 
 
 def test_errors_found_by_a_checker_name_the_file(scene_text, ur5):
-    with pytest.raises(UnknownNameError, match=r"'bse_link'.*scene\.yaml"):
-        CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[bse_link, ball]]"))
-    with pytest.raises(InputError, match=r"scene\.yaml is placed from 'panda_link0'; the root of the robot is"):
-        CollisionChecker(ur5, scene_text(BALL + "}\nframe: panda_link0"))
+    with pytest.raises(pp.UnknownNameError, match=r"'bse_link'.*scene\.yaml"):
+        pp.CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[bse_link, ball]]"))
+    with pytest.raises(pp.InputError, match=r"scene\.yaml is placed from 'panda_link0'; the root of the robot is"):
+        pp.CollisionChecker(ur5, scene_text(BALL + "}\nframe: panda_link0"))
 
 
 def test_a_link_without_geometry_may_be_in_allowed_pairs(scene_text, ur5):
-    assert CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[tool0, ball]]")).pairs
+    assert pp.CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[tool0, ball]]")).pairs
 
 
 def test_anything_may_touch_what_is_allowed_to_touch_anything(scene_text, ur5):
-    checker = CollisionChecker(ur5, scene_text(BALL + '}\nallowed_contacts: [["*", ball]]'))
+    checker = pp.CollisionChecker(ur5, scene_text(BALL + '}\nallowed_contacts: [["*", ball]]'))
     assert not [
         pair for pair in checker.pairs if "ball" in (checker.bodies[pair[0]].owner, checker.bodies[pair[1]].owner)
     ]

@@ -1,12 +1,26 @@
-"""Geometry of link meshes: hull, triangles or several hulls, for all links or for each link."""
+"""Geometry of link meshes: as requested for each link, and finer for pairs whose hulls touch although the meshes do not."""
 
 from __future__ import annotations
+
+import pickle
 
 import numpy as np
 import pytest
 import trimesh
 
-from pinproof import CollisionChecker, InputError, UnknownNameError, load_robot
+from pinproof import (
+    Box,
+    CollisionChecker,
+    InputError,
+    Obstacle,
+    Scene,
+    Sphere,
+    UnknownNameError,
+    certify,
+    load_robot,
+    pose,
+)
+from pinproof.collision import audit
 from pinproof.collision.checking.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
 
@@ -107,3 +121,153 @@ def test_a_geometry_without_parts_is_drawn_with_the_parts_of_its_link(tmp_path):
     assert "tip_1" in met
     assert "tip_0" not in met
     assert met - {"tip_1"} == {body.name for body in checker.bodies if body.level}
+
+
+HOLE = 0.15
+
+
+@pytest.fixture(scope="module")
+def ring(arm_from_links, mesh_file):
+    """A ring about x (hole of 0.15 m) that slides along x, with a knob far out, so that it has two geometries."""
+    torus = trimesh.creation.torus(HOLE + 0.05, 0.05, 24, 12)
+    torus.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0)))
+    shapes = f'<mesh filename="{mesh_file(torus)}"/>;<box size="0.1 0.1 0.1"/>@0 0 0.6'
+    return arm_from_links(
+        {"root": "", "ring": shapes, "tip": ""},
+        [("slide", "prismatic", "root", "ring", "0 0 0", "1 0 0"), ("end", "fixed", "ring", "tip", "0 0 0", "1 0 0")],
+    ).arm(tcp="tip")
+
+
+def rod(side: float) -> Obstacle:
+    return Obstacle("rod", Box(2.0, side, side))
+
+
+BALL = Obstacle("ball", Sphere(0.02), pose((1.0, 0, HOLE + 0.05)))
+
+
+def owners(checker):
+    return [contact.bodies for contact in checker.check([0.0]).contacts]
+
+
+def test_contacts_of_the_hull_only_are_checked_by_several_hulls(ring):
+    coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]), margin=0.01)
+    assert owners(coarse) == [("ring", "rod")]
+    fine = coarse.finer_at([0.0])
+    assert fine.is_free([0.0])
+    assert fine.check([0.0]).free
+    assert fine.is_free_batch([[0.0]]).all()
+    assert all(body.support is not None for body in fine.bodies)
+    (pair,) = fine.finer
+    assert (pair.owners, pair.by) == (("ring", "rod"), "several hulls")
+    assert not coarse.is_free([0.0])
+    assert coarse.finer == ()
+
+
+def test_contacts_of_several_hulls_are_checked_by_the_mesh(ring):
+    widest = HOLE * np.sqrt(2) * 0.985  # the ring has flat sides
+    coarse = CollisionChecker(ring, Scene([rod(widest)]))
+    fine = coarse.finer_at([0.0])
+    assert fine.is_free([0.0])
+    assert [pair.by for pair in fine.finer] == ["exact meshes"]
+    exact = CollisionChecker(ring, coarse.scene, link_meshes="mesh")
+    assert fine.clearance([0.0]) == pytest.approx(exact.clearance([0.0]), abs=1e-6)
+
+
+def test_a_real_contact_leaves_the_checker_as_it_is(ring):
+    for side in (0.25, 0.5):
+        coarse = CollisionChecker(ring, Scene([rod(side)]))
+        assert coarse.finer_at([0.0]) is coarse
+    free = CollisionChecker(ring, Scene([BALL]))
+    assert free.finer_at([0.0]) is free
+
+
+def test_a_margin_that_the_mesh_violates_is_a_real_contact(ring):
+    scene = Scene([rod(0.05)])
+    coarse = CollisionChecker(ring, scene, margin=0.2)
+    assert coarse.finer_at([0.0]) is coarse
+    assert CollisionChecker(ring, scene, margin=0.09).finer_at([0.0]).is_free([0.0])
+
+
+def test_only_the_pairs_that_call_for_it_change(ring):
+    knocked = Obstacle("knocked", Sphere(0.05), pose((0, 0, 0.6)))
+    hung = Obstacle("hung", Sphere(0.02), pose((1.5, 0, 0)))
+    fine = CollisionChecker(ring, Scene([rod(0.05), hung, knocked])).finer_at([0.0])
+    assert owners(fine) == [("ring", "knocked")]
+    assert [pair.owners for pair in fine.finer] == [("ring", "rod")]
+    assert [contact.bodies for contact in fine.check([1.5]).contacts] == [("ring", "hung")]  # by the hull
+
+
+def test_every_geometry_of_the_link_stays_in_the_pair(ring):
+    """The knob of the ring has no closer bodies: it is met as it was."""
+    fine = CollisionChecker(ring, Scene([rod(0.05)])).finer_at([0.0])
+    assert not fine.with_scene(Scene([Obstacle("rod", Box(2.0, 0.05, 0.05), pose((0, 0, 0.6)))])).is_free([0.0])
+
+
+def test_whatever_is_derived_keeps_it(ring):
+    coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]))
+    fine = coarse.finer_at([0.0])
+    tool = Obstacle("tool", Box(0.01, 0.01, 0.01), pose((0.3, 0.3, 0.3)))
+    for other in (
+        fine.with_margin(0.001),
+        fine.padded(0.001),
+        fine.with_obstacle_tolerance(0.001),
+        fine.with_scene(Scene([rod(0.06)])),
+        fine.with_scene(Scene([BALL])).with_scene(coarse.scene),
+        fine.with_attached(tool),
+        fine.allowing(("ring", "ball")),
+        pickle.loads(pickle.dumps(fine)),
+    ):
+        assert other.is_free([0.0])
+        assert other.finer == fine.finer
+    assert fine.fingerprint() != coarse.fingerprint()
+
+
+def test_the_certificate_names_owners_and_their_geometry(ring, path):
+    coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]))
+    fine = coarse.finer_at([0.0])
+    free = certify(path(ring, [-0.5], [0.5]), fine)
+    assert free.free
+    (note,) = [note for note in free.notes if "checked with" in note]
+    assert note.startswith("ring and rod: checked with several hulls")
+    assert not [note for note in certify(path(ring, [-0.5], [0.5]), coarse).notes if "checked with" in note]
+    assert certify(path(ring, [0.0], [1.0]), fine).first_contact.bodies == ("ring", "ball")
+
+
+@pytest.mark.parametrize("side", [0.05, HOLE * np.sqrt(2) * 0.985])
+def test_free_with_finer_bodies_is_free_in_dense_samples_of_the_meshes(ring, path, side):
+    """Several hulls, and the exact mesh that coal judges."""
+    fine = CollisionChecker(ring, Scene([rod(side)])).finer_at([0.0])
+    curve = path(ring, [-0.2], [0.2])
+    assert certify(curve, fine).free
+    assert audit(curve, CollisionChecker(ring, fine.scene, link_meshes="mesh")).clean
+    tilted = fine.with_scene(Scene([Obstacle("rod", Box(2.0, side, side), pose((0, 0, 0), (0, 0.3, 0)))]))
+    through = path(ring, [-0.9], [0.9])
+    verdict = certify(through, tilted)
+    assert not verdict.free
+    assert verdict.first_contact.bodies == ("ring", "rod")
+
+
+@pytest.mark.slow
+def test_random_edges_of_an_arm_that_starts_within_its_hulls(ur5, path):
+    """Balls near a UR5's forearm and upper arm: free by closer bodies, and then so by exact meshes, densely."""
+    rng, proven = np.random.default_rng(0), 0
+    lower, upper = ur5.limits.sampling_range()
+    usual, exact = CollisionChecker(ur5), CollisionChecker(ur5, link_meshes="mesh")
+    for _ in range(200):
+        if proven == 3:
+            break
+        q = rng.uniform(lower, upper)
+        link = str(rng.choice(["upper_arm_link", "forearm_link"]))
+        place = ur5.frame_placement(q, link).act(rng.uniform((-0.15, -0.15, 0.0), (0.15, 0.15, 0.4)))
+        scene = Scene([Obstacle("ball", Sphere(0.03), pose(place))])
+        coarse = usual.with_scene(scene)
+        fine = coarse.finer_at(q)
+        judge = exact.with_scene(scene)
+        assert judge.is_free(q) or not fine.is_free(q)
+        if fine is coarse or not fine.is_free(q):
+            continue
+        curve = path(ur5, q, q + rng.normal(size=6) * 0.05)
+        if certify(curve, fine).free:
+            assert audit(curve, judge, step=0.01).clean
+            proven += 1
+    assert proven == 3

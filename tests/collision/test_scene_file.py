@@ -1,8 +1,11 @@
-"""Scene files: reading, errors with their location, and writing."""
+"""Scenes as values; files of scenes and attached bodies: reading, errors with their location, and writing."""
 
 from __future__ import annotations
 
 import math
+import pickle
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import get_args
 
@@ -12,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, pose
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap, Shape
+from pinproof.collision.certificates.certificate import body_digest
 from pinproof.description import robots_folder
 from pinproof.errors import SceneError
 from pinproof.spatial import matrix
@@ -235,3 +240,179 @@ def test_anything_may_touch_what_is_allowed_to_touch_anything(scene_text, ur5):
         pair for pair in checker.pairs if "ball" in (checker.bodies[pair[0]].owner, checker.bodies[pair[1]].owner)
     ]
     assert {pair.reason for pair in checker.excluded if "ball" in pair.owners} == {"allowed by the scene"}
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return Scene(
+        [Obstacle("table", Box(1, 1, 0.1)), Obstacle("ball", Sphere(0.1), pose((1, 0, 0)), (1, 0, 0, 1))],
+        allowed=[("base", "table"), ("tool", "ball")],
+        disabled=[("upper", "fore")],
+    )
+
+
+def test_moving_keeps_all_but_the_place_of_one(scene):
+    moved = scene.move("ball", pose((0, 2, 0)))
+    assert moved.names == scene.names
+    assert (moved.allowed, moved.disabled) == (scene.allowed, scene.disabled)
+    assert (moved["ball"].shape, moved["ball"].rgba) == (scene["ball"].shape, scene["ball"].rgba)
+    np.testing.assert_array_equal(moved["ball"].pose.translation, [0, 2, 0])
+    np.testing.assert_array_equal(scene["ball"].pose.translation, [1, 0, 0])
+    assert moved.is_close(scene.move("ball", np.array([[1, 0, 0, 0], [0, 1, 0, 2], [0, 0, 1, 0], [0, 0, 0, 1]])))
+    assert not moved.is_close(scene)
+
+
+def test_adding_and_removing(scene):
+    more = scene.add(Obstacle("can", Sphere(0.05)))
+    assert more.names == ("table", "ball", "can")
+    assert more.allowed == scene.allowed
+    fewer = more.remove("ball")
+    assert fewer.names == ("table", "can")
+    assert fewer.allowed == (("base", "table"),)
+    assert fewer.disabled == scene.disabled
+    assert scene.names == ("table", "ball")
+
+
+def test_names_that_are_not_there_are_refused(scene):
+    for change in (lambda: scene.move("bal", pose()), lambda: scene.remove("bal"), lambda: scene["bal"]):
+        with pytest.raises(UnknownNameError, match="'bal'"):
+            change()
+    with pytest.raises(InputError, match="named 'ball'"):
+        scene.add(Obstacle("ball", Sphere(1)))
+
+
+def test_a_scene_is_a_mapping_of_names_to_obstacles(scene):
+    same = dict(zip(scene.names, scene.obstacles, strict=True))
+    assert dict(scene) == dict(scene.items()) == same
+    assert (list(scene), len(scene), list(scene.values())) == (list(same), 2, list(same.values()))
+    assert isinstance(scene, Mapping)
+    assert not Scene()
+    for name in ("ball", "bal", None, 3):
+        assert (name in scene, scene.get(name), scene.get(name, 5)) == (name in same, same.get(name), same.get(name, 5))
+    with pytest.raises(KeyError):
+        scene["bal"]
+    again = pickle.loads(pickle.dumps(scene))
+    assert list(again) == list(scene)
+    assert again.is_close(scene)
+    assert again != scene  # as of obstacles: poses are equal within a tolerance only
+    assert len({scene: 1, again: 2}) == 2
+
+
+class _Name(str):
+    """A name that counts how often it is compared with another name."""
+
+    compared = 0
+    __hash__ = str.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        _Name.compared += 1
+        return str.__eq__(self, other)
+
+
+def test_the_work_for_a_large_scene_grows_with_its_number_of_obstacles(generic_6dof):
+    """Comparisons of names, and calls in Python, for 200 and for 800 boxes: 4 times as many, where n^2 has 16."""
+
+    def work(count: int) -> tuple[int, int]:
+        names = [_Name(f"box {i}") for i in range(count)]
+        boxes = [Obstacle(name, Box(0.01, 0.01, 0.01), pose((2 + i / count, 0, 0))) for i, name in enumerate(names)]
+        calls, _Name.compared = [0], 0
+
+        def count_call(*_: object) -> None:
+            calls[0] += 1
+
+        sys.setprofile(count_call)
+        try:
+            scene = Scene(boxes, allowed=[(generic_6dof.base, name) for name in names])
+            more = scene.add(Obstacle("ball", Sphere(0.1))).move("ball", pose((3, 0, 0)))
+            left = more.remove(*names[::2])
+            placed = [left[name] for name in names[1::2] if name in left and left.get(name)]
+            checker = CollisionChecker(generic_6dof, scene).with_scene(left)
+        finally:
+            sys.setprofile(None)
+        assert placed == boxes[1::2]
+        assert list(checker.scene) == [*names[1::2], "ball"]
+        return calls[0], _Name.compared
+
+    work(10)  # imports and caches
+    (few_calls, few_compared), (calls, compared) = work(200), work(800)
+    assert calls < 6 * few_calls
+    assert compared < 6 * max(few_compared, 200)
+
+
+def test_a_scene_of_20_000_boxes_is_changed_and_restored(tmp_path):
+    boxes = [Obstacle(f"box {i}", Box(0.01, 0.02, 0.03), pose((i / 1000, 0, 0))) for i in range(20_000)]
+    scene = Scene(boxes)
+    assert (len(scene), scene["box 19999"]) == (20_000, boxes[-1])
+    assert list(scene.remove(*scene.names[::2]).values()) == boxes[1::2]
+    few = scene.remove(*scene.names[:19_000])
+    few.save(tmp_path / "scene.yaml")
+    assert Scene.load(tmp_path / "scene.yaml").is_close(few)
+
+
+@pytest.mark.parametrize("pair", [("base", "base"), "ab", ("a", "b", "c"), ("a", 3)])
+def test_an_invalid_pair_is_refused(scene, pair):
+    with pytest.raises(InputError):
+        Scene(scene.obstacles, disabled=[pair])
+
+
+ROD = pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
+
+
+def test_a_saved_file_is_read_back(tmp_path: Path) -> None:
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    block = pp.Obstacle("block", pp.Mesh.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    given = pp.collision.Attachments(
+        (ROD, block), (("rod", "block"),), {"rail": 0.5}, pp.pose((0, 0, 0.1), (0.1, 0.2, 0.3))
+    )
+    given.save(tmp_path / "tool.yaml")
+    found = pp.collision.Attachments.load(tmp_path / "tool.yaml")
+    assert [(b.name, b.shape) for b in found.bodies] == [(b.name, b.shape) for b in given.bodies]
+    for one, other in zip(found.bodies, given.bodies, strict=True):
+        np.testing.assert_allclose(one.pose.homogeneous, other.pose.homogeneous, atol=1e-15)
+        assert body_digest(one) == body_digest(other)
+    assert (found.allowed, found.held) == (given.allowed, given.held)
+    np.testing.assert_allclose(found.tip.homogeneous, given.tip.homogeneous, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("tool: []", ("'tool'", "allowed_contacts, attached, held, tip")),
+        ("held: {}", ("does not state attached",)),
+        ("attached: {}", ("key attached", "list")),
+        ("attached: [rod]", ("attached[0]", "'rod'")),
+        ("attached:\n  - {name: rod, sphere: {radius: 0.1}, colour: red}", ("line 2", "'colour'", "rgba")),
+        ("attached:\n  - {name: rod, sphere: {radius: -1}}", ("line 2", "radius")),
+        ("attached:\n  - {name: a, sphere: {radius: 1}}\n  - {name: a, sphere: {radius: 1}}", ("line 3", "'a'")),
+        ("attached: []\nallowed_contacts: [[a]]", ("key allowed_contacts",)),
+        ("attached: []\nheld: [1]", ("key held",)),
+        ("attached: []\nheld: {rail: fast}", ("line 2", "key held", "rail")),
+        ("attached: []\nheld: {rail: .nan}", ("line 2", "key held", "rail")),
+        ("attached: []\ntip: {xyz: [0, 0, 0], spin: 1}", ("line 2", "key tip", "'spin'")),
+        ("attached: []\ntip: [0, 0, 0]", ("key tip",)),
+        ("attached: []\ntip: {xyz: [0, 0]}", ("line 2", "key tip")),
+    ],
+)
+def test_meaningless_values_are_refused_with_their_location(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+    file = tmp_path / "tool.yaml"
+    file.write_text(text)
+    with pytest.raises(SceneError) as caught:
+        pp.collision.Attachments.load(file)
+    assert str(caught.value).startswith(str(file))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_digest_follows_name_shape_pose_and_the_content_of_meshes(tmp_path: Path) -> None:
+    other = (
+        pp.Obstacle("rod2", ROD.shape, ROD.pose),
+        pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1000001), ROD.pose),
+        pp.Obstacle("rod", ROD.shape, pp.pose((0.1, 0.2, 0.3 + 1e-8), (0.4, 0.5, 0.6))),
+    )
+    assert len({body_digest(body) for body in (ROD, *other)}) == 4
+    digests = []
+    for name, width in (("a", 1), ("b", 1), ("c", 2)):
+        file = tmp_path / f"{name}.obj"
+        file.write_text(f"v 0 0 0\nv {width} 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+        digests.append(body_digest(pp.Obstacle("part", pp.Mesh(file))))
+    assert digests[0] == digests[1] != digests[2]

@@ -106,7 +106,7 @@ def cell(seed: int, kinds: str = "rprpr") -> Cell:
     rng = np.random.default_rng(seed)
     names = ["base", *(f"link{k}" for k in range(len(kinds)))]
     rows = [(a, b, kind, k, 1.0, 0.0) for k, ((a, b), kind) in enumerate(zip(pairwise(names), kinds, strict=True))]
-    rows.append((names[2], "follower", "p" if kinds[1] == "p" else "r", 1, float(rng.choice([-0.7, 0.6])), 0.2))
+    rows.append((names[2], "follower", "p" if kinds[1] == "p" else "r", 1, float(rng.choice([-2.0, 3.0])), 0.2))
     rows.append(("base", "held", "r", None, 0.0, float(rng.uniform(-1, 1))))
     joints, balls, parts, radius = [], {}, [], 0.02
     for link in [*names, "follower", "held"]:

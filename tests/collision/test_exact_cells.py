@@ -187,6 +187,7 @@ def test_grazing_motions_are_judged_by_their_smallest_distances(kinds: str, seed
             closer = near.with_margin(margins=of_pairs(known.owners, closer))
             certificate = pp.certify(curve, closer, **settings)
             assert certificate.status is not FREE
+            assert pp.certify(curve, closer, tolerance=100.0, **settings).status is not FREE
             assert off or moved or not is_proven_free(curve, closer)
             if not (off or moved or k in checker.still_pairs) and is_edge(curve):
                 assert not edge_is_free(closer, curve)

@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.collision import Cone, Ellipsoid
 from pinproof.collision.geometry import inner_shapes as module
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Support, hull_body, shape_body
 from pinproof.collision.geometry.inner_shapes import (
@@ -24,12 +23,8 @@ from pinproof.collision.geometry.inner_shapes import (
 )
 from pinproof.spatial import Array
 
-POINTS = np.random.default_rng(1).normal(size=(12, 3)) * [0.05, 0.1, 0.2]
-HULL = trimesh.convex.convex_hull(POINTS)
-CROSS = trimesh.boolean.union(
-    [trimesh.creation.box((0.3, 0.2, 0.1)), trimesh.creation.box((0.1, 0.2, 0.3))], engine="manifold"
-)
-"""Two boxes that cross: the largest ball touches the four edges between them."""
+from .test_line_surface import CASES as BODIES
+from .test_line_surface import CROSS, HULL, mesh_of
 
 
 @pytest.fixture(autouse=True)
@@ -37,34 +32,18 @@ def nothing_kept(monkeypatch):
     monkeypatch.setattr(module, "_KEPT", {})
 
 
-def mesh_of(mesh: trimesh.Trimesh, **settings: bool) -> pp.Mesh:
-    return pp.Mesh.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), hull=False, **settings)
+def inside(name: str) -> Callable[[Array], Array]:
+    """How deep points are inside a body whose function is the signed distance there."""
+    return lambda points: -BODIES[name][1](points)
 
 
 def shapes_in(shape: pp.Shape) -> InnerShapes:
     return inner_shapes(shape_body("body", "body", None, shape, pp.pose((0, 0, 0))))
 
 
-def in_box(half: Array) -> Callable[[Array], Array]:
-    return lambda points: (half - np.abs(points)).min(axis=1)
-
-
-def in_cone(points: Array) -> Array:
-    """A cone of radius 0.1 between z = -0.15 and its tip at 0.15."""
-    slope = np.array([0.3, 0.1]) / np.hypot(0.3, 0.1)
-    across = np.hypot(points[:, 0], points[:, 1])
-    return np.minimum(points[:, 2] + 0.15, -(across * slope[0] + (points[:, 2] - 0.15) * slope[1]))
-
-
 def in_ellipsoid(points: Array) -> Array:
     surface = spiral_directions(100_000) * [0.1, 0.2, 0.05]
     return np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])
-
-
-def in_hull(points: Array) -> Array:
-    return -np.max(
-        HULL.face_normals @ points.T - (HULL.face_normals * HULL.triangles[:, 0]).sum(axis=1)[:, None], axis=0
-    )
 
 
 def in_cross(points: Array) -> Array:
@@ -74,32 +53,18 @@ def in_cross(points: Array) -> Array:
     return np.array([np.linalg.norm(surface - point, axis=1).min() for point in points])
 
 
+CONVEX_MESH = pp.Mesh.from_arrays(np.array(HULL.vertices), np.array(HULL.faces), hull=False)
 CASES: dict[str, tuple[pp.Shape, Callable[[Array], Array], float, float]] = {
     # Shape, distance of inner points from the surface, largest ball, and how much smaller a ball may be than that.
-    "box": (pp.Box(0.2, 0.3, 0.1), in_box(np.array([0.1, 0.15, 0.05])), 0.05, 0.0),
-    "sphere": (pp.Sphere(0.1), lambda points: 0.1 - np.linalg.norm(points, axis=1), 0.1, 0.0),
-    "cylinder": (
-        pp.Cylinder(0.1, 0.3),
-        lambda points: np.minimum(0.1 - np.hypot(points[:, 0], points[:, 1]), 0.15 - np.abs(points[:, 2])),
-        0.1,
-        0.01,
-    ),
-    "capsule": (
-        pp.Capsule(0.1, 0.3),
-        lambda points: 0.1 - np.linalg.norm(points * [1, 1, 0], axis=1) - np.maximum(np.abs(points[:, 2]) - 0.15, 0),
-        0.1,
-        0.0,
-    ),
-    "cone": (Cone(0.1, 0.3), in_cone, 0.072, 0.01),
-    "ellipsoid": (Ellipsoid(0.1, 0.2, 0.05), in_ellipsoid, 0.05, 0.008),
-    "convex hull": (pp.collision.ConvexHull(POINTS), in_hull, 0.05, 0.0),
-    "convex mesh": (pp.Mesh.from_arrays(np.array(HULL.vertices), np.array(HULL.faces), hull=False), in_hull, 0.05, 0.0),
-    "mesh": (
-        pp.Mesh.from_arrays(np.array(CROSS.vertices), np.array(CROSS.faces), hull=False),
-        in_cross,
-        0.0707,
-        0.0006,
-    ),
+    "box": (BODIES["box"][0], inside("box"), 0.05, 0.0),
+    "sphere": (BODIES["sphere"][0], inside("sphere"), 0.1, 0.0),
+    "cylinder": (BODIES["cylinder"][0], inside("cylinder"), 0.1, 0.01),
+    "capsule": (BODIES["capsule"][0], inside("capsule"), 0.1, 0.0),
+    "cone": (BODIES["cone"][0], inside("cone"), 0.072, 0.01),
+    "ellipsoid": (BODIES["ellipsoid"][0], in_ellipsoid, 0.05, 0.008),
+    "convex hull": (BODIES["convex hull"][0], inside("convex hull"), 0.05, 0.0),
+    "convex mesh": (CONVEX_MESH, inside("convex hull"), 0.05, 0.0),
+    "mesh": (BODIES["mesh"][0], in_cross, 0.0707, 0.0006),
 }
 
 

@@ -67,7 +67,7 @@ CASES: dict[str, tuple[pp.Shape, Implicit]] = {
     "ellipsoid": (Ellipsoid(0.1, 0.2, 0.05), lambda p: np.linalg.norm(p / [0.1, 0.2, 0.05], axis=-1) - 1.0),
     "convex hull": (ConvexHull(HULL.vertices), hull),
     "mesh": (
-        pp.Mesh.from_arrays(np.array(CROSS.vertices), np.array(CROSS.faces), hull=False),
+        pp.Mesh.from_arrays(CROSS.vertices, CROSS.faces, hull=False),
         union(box(0.3, 0.2, 0.1), box(0.1, 0.2, 0.3)),
     ),
     "cells": (
@@ -80,6 +80,10 @@ CASES: dict[str, tuple[pp.Shape, Implicit]] = {
     ),
 }
 TRIANGLES = ("mesh", "cells", "grid")
+
+
+def mesh_of(mesh: trimesh.Trimesh, **settings: bool) -> pp.Mesh:
+    return pp.Mesh.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), **{"hull": False, **settings})
 
 
 def surface_of(shape: pp.Shape) -> LineSurface:
@@ -236,10 +240,7 @@ def _entered(surface: LineSurface) -> list[tuple[Array, Array, Array]]:
 
 def test_a_body_inside_a_mesh_overlaps_it_and_one_inside_a_surface_does_not():
     shell = trimesh.creation.box((0.3, 0.3, 0.3))
-    closed, hollow = (
-        surface_of(pp.Mesh.from_arrays(np.array(shell.vertices), np.array(shell.faces), hull=False, hollow=hollow))
-        for hollow in (False, True)
-    )
+    closed, hollow = (surface_of(mesh_of(shell, hollow=hollow)) for hollow in (False, True))
     ball, here = surface_of(pp.Sphere(0.02)), SE3.Identity()
     assert body_distance(ball, here, closed, here) == body_distance(closed, here, ball, here) < -0.1
     assert body_distance(ball, here, hollow, here) == pytest.approx(0.13, abs=1e-5)

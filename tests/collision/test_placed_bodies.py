@@ -15,11 +15,9 @@ from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.collision.geometry.bodies import shape_body
 from pinproof.spatial import SE3
 
+from .test_line_surface import mesh_of
+
 HERE = pp.pose()
-
-
-def mesh_of(mesh: trimesh.Trimesh, **settings: bool) -> pp.Mesh:
-    return pp.Mesh.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), hull=False, **settings)
 
 
 def gantry(extra: str = "", base: str = "0.4 0.4 0.4") -> pp.Arm:

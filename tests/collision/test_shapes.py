@@ -324,19 +324,31 @@ def test_distance_to_a_ball_equals_an_independent_formula(slider, kind):
     assert inside > 0 or "needle" in kind or "flat" in kind
 
 
+INSIDE = {
+    "box": lambda p: np.abs(p) <= [0.1, 0.15, 0.05],
+    "sphere": lambda p: np.linalg.norm(p) <= 0.1,
+    "cylinder": lambda p: np.array([np.hypot(*p[:2]) <= 0.1, abs(p[2]) <= 0.1]),
+    "capsule": lambda p: np.linalg.norm(p - [0, 0, np.clip(p[2], -0.1, 0.1)]) <= 0.05,
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [*KINDS])
+@pytest.mark.parametrize("kind", [*KINDS, *SIZED])
 def test_the_bounds_of_a_body_contain_it(kind):
     """No point nearer than the box, nor farther out than the support function, is at distance 0."""
-    shape, distance = KINDS[kind]
-    body = shape_body("thing", "thing", None, shape, HERE)
+    body = shape_body("thing", "thing", None, ALL[kind], HERE)
+    inside = (lambda p: KINDS[kind][1](p) <= 0) if kind in KINDS else (lambda p: np.all(INSIDE[kind](p)))
     points = np.random.default_rng(2).uniform(-0.4, 0.4, (500, 3))
-    held = np.array([p for p in points if distance(p) <= 0]).reshape(-1, 3)
+    low, high = np.maximum(body.box, -0.4)[0], np.minimum(body.box, 0.4)[1]
+    points = np.concatenate([points, np.random.default_rng(4).uniform(low, high, (1500, 3))])
+    held = np.array([p for p in points if inside(p)]).reshape(-1, 3)
     assert ((held >= body.box[0]) & (held <= body.box[1])).all()
     if body.support is not None and len(held):
         for u in np.random.default_rng(3).normal(size=(30, 3)):
             u /= np.linalg.norm(u)
-            assert (held @ u).max() <= body.support.reach(u) + 1e-12
+            farthest = (held @ u).max()
+            assert farthest <= body.support.reach(u) + 1e-12
+            assert kind not in SIZED or farthest >= body.support.reach(u) - 0.03  # and it is no idle bound
 
 
 def test_numbers_of_a_support_function_cannot_be_changed():
@@ -418,15 +430,14 @@ ROOM = trimesh.creation.box((4, 4, 4))
 
 @pytest.mark.parametrize("kind", [name for name in ALL if name != "half-space"])
 def test_a_body_inside_a_mesh_is_in_contact(slider, kind):
-    room = pp.Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)
-    checker = pp.CollisionChecker(
-        slider,
-        pp.Scene([pp.Obstacle("room", room)], allowed=[("ball", "room")]),
-        attached=[pp.Obstacle("tool", ALL[kind])],
-    )
-    assert not checker.is_free([0.0])
-    assert checker.clearance([0.0]) < 0
-    assert checker.is_free([7.0])
+    """Of the two, either may be carried."""
+    room = pp.Mesh.from_arrays(ROOM.vertices / 2, ROOM.faces, hull=False)
+    for thing, tool in ((room, ALL[kind]), (ALL[kind], room)):
+        scene = pp.Scene([pp.Obstacle("thing", thing)], allowed=[("ball", "thing")])
+        checker = pp.CollisionChecker(slider, scene, attached=[pp.Obstacle("tool", tool)])
+        assert not checker.is_free([0.0])
+        assert checker.clearance([0.0]) < 0
+        assert checker.is_free([7.0])
 
 
 def test_one_of_many_islands_of_a_cloud_inside_is_enough(slider):

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from pinproof.verifier import verify
 
 from ..examples import examples
-from .forging import forged, pick, small_proofs
-from .sampling import Samples
+from .forging import Samples, forged, pick, small_proofs
 
 MARGIN = 0.002
 
@@ -31,195 +30,96 @@ def test_the_proof_holds_and_an_oracle_agrees(proof, oracle):
     assert least >= verdict.clearance - 1e-6
 
 
+def body(p, name):
+    return next(row for row in p["bodies"] if row["name"] == name)
+
+
+def change(*line, value=None, add=None, times=None):
+    """Puts a value at a place, adds to its number, or multiplies it; the first key may be the name of a body."""
+
+    def apply(p):
+        holder = body(p, line[0]) if line[0] not in p else p[line[0]]
+        for key in line[1:-1]:
+            holder = holder[key]
+        old = holder[line[-1]]
+        holder[line[-1]] = value if add is times is None else old + add if times is None else scaled(old, times)
+
+    return apply
+
+
+def scaled(value, factor):
+    return (np.array(value) * factor).tolist()
+
+
 def drop_interval(p):
     row = max(p["pairs"], key=lambda pair: len(pair["intervals"]))
     del row["intervals"][1], row["directions"][1]
 
 
-def shift_interval(p):
-    for span in p["intervals"]:
-        if span[0] > 0:
-            span[0] = span[0] + 1e-9
+def shift_intervals(p):
+    p["intervals"] = [[a + 1e-9 if a > 0 else a, b] for a, b in p["intervals"]]
 
 
-def enlarge_margin(p):
-    p["settings"]["margin"] = 0.05
-
-
-def enlarge_single_margin(p):
-    p["settings"]["margins"][0][2] = 0.5
-
-
-def enlarge_joint_tolerance(p):
-    p["settings"]["joint_tolerance"][0] = 0.3
-
-
-def enlarge_obstacle_tolerance(p):
-    p["settings"]["obstacle_tolerance"] = 0.1
-
-
-def claim_more(p):
-    p["claim"]["clearance"] += 0.01
-
-
-def body(p, name):
-    return next(row for row in p["bodies"] if row["name"] == name)
-
-
-def move_obstacle(p):
-    body(p, "post")["placement"][1][3] -= 0.3
-
-
-def grow_obstacle(p):
-    body(p, "ball")["shape"]["radius"] = 0.3
-
-
-def lift_floor(p):
-    body(p, "floor")["placement"][2][3] = 0.0
-
-
-def lengthen_link(p):
-    shape = body(p, "hand_0")["shape"]
-    shape["points"] = (np.array(shape["points"]) * [1, 4, 1]).tolist()
-
-
-def shrink_body(p):
-    shape = body(p, "hand_0")["shape"]
-    shape["points"] = (np.array(shape["points"]) * 0.5).tolist()
-
-
-def swap_direction(p):
+def turn_directions(p):
     for pair in p["pairs"]:
-        pair["directions"] = (-np.array(pair["directions"])).tolist()
+        pair["directions"] = scaled(pair["directions"], -1)
 
 
-def long_direction(p):
-    p["pairs"][0]["directions"][0] = [2.0, 0.0, 0.0]
+def bend(p):
+    change("curve", "control", 0, 1, 0, add=0.5)(p)
+    change("curve", "control", 1, 0, 0, add=0.5)(p)
 
 
-def drop_pair(p):
-    del p["pairs"][3]
-
-
-def drop_body(p):
-    del p["bodies"][-1]
-
-
-def change_control_point(p):
-    p["curve"]["control"][0][1][0] += 0.5
-    p["curve"]["control"][1][0][0] += 0.5
-
-
-def tear_curve(p):
-    p["curve"]["control"][1][0][0] += 1e-3
-
-
-def not_a_number(p):
-    p["curve"]["control"][0][0][0] = float("nan")
-
-
-def unbounded_direction(p):
-    p["pairs"][0]["directions"][0] = [float("inf"), 0.0, 0.0]
-
-
-def turn_axis(p):
-    p["joints"][0]["axis"] = [0.0, 0.0, 2.0]
-
-
-def shear_placement(p):
-    p["joints"][1]["placement"][0][0] = 1.1
-
-
-def move_joint(p):
-    p["joints"][2]["placement"][2][3] -= 0.2
-
-
-def hang_child_on_itself(p):
-    p["joints"][1]["parent"] = 1
-
-
-def negative_index(p):
-    p["pairs"][0]["bodies"][0] = -1
-
-
-def interval_out_of_table(p):
-    p["pairs"][0]["intervals"][0] = len(p["intervals"])
-
-
-def hide_behind_one_owner(p):
-    for row in p["bodies"]:
-        if row["name"] == "hand_0":
-            row["owner"] = "slide"
-
-
-def hide_among_obstacles(p):
-    for row in p["bodies"]:
-        if row["name"] == "hand_0":
-            row["kind"] = "obstacle"
-
-
-def exclude_what_is_not_there(p):
-    p["excluded"].append(["hand", "pots", "because"])
-
-
-def leave_the_curve(p):
-    p["intervals"][0][1] = 10.0
-
-
-def no_clearance(p):
-    p["claim"]["clearance"] = None
-
-
+MOVED = change("post", "placement", 1, 3, add=-0.3)
+GROWN = change("ball", "shape", "radius", value=0.3)
+LONGER = change("hand_0", "shape", "points", times=[1, 4, 1])
+SMALLER = change("hand_0", "shape", "points", times=0.5)
 TAMPERINGS = {
-    drop_interval: "nothing is proven",
-    shift_interval: "nothing is proven",
-    enlarge_margin: "pairs",
-    enlarge_single_margin: "hand_0 and post",
-    enlarge_joint_tolerance: "pairs",
-    enlarge_obstacle_tolerance: "pairs",
-    claim_more: "claim.clearance",
-    move_obstacle: "and post",
-    grow_obstacle: "and ball",
-    lift_floor: "and floor",
-    lengthen_link: "hand_0",
-    swap_direction: "pairs[0]",
-    long_direction: "pairs[0]",
-    drop_pair: "neither checked nor excluded",
-    drop_body: "bodies",
-    change_control_point: "pairs",
-    tear_curve: "curve.control[0]",
-    not_a_number: "curve.control",
-    unbounded_direction: "pairs[0]",
-    turn_axis: "joints[0].axis",
-    shear_placement: "joints[1].placement",
-    move_joint: "pairs",
-    hang_child_on_itself: "joints[1].parent",
-    negative_index: "pairs[0].bodies",
-    interval_out_of_table: "intervals",
-    hide_behind_one_owner: "another joint or kind",
-    hide_among_obstacles: "an obstacle moves with no joint",
-    exclude_what_is_not_there: "pots",
-    leave_the_curve: "lie on the curve",
-    no_clearance: "claim.clearance",
+    "an interval is dropped": (drop_interval, "nothing is proven"),
+    "intervals begin later": (shift_intervals, "nothing is proven"),
+    "a larger margin": (change("settings", "margin", value=0.05), "pairs"),
+    "a larger single margin": (change("settings", "margins", 0, 2, value=0.5), "hand_0 and post"),
+    "a larger joint tolerance": (change("settings", "joint_tolerance", 0, value=0.3), "pairs"),
+    "a larger obstacle tolerance": (change("settings", "obstacle_tolerance", value=0.1), "pairs"),
+    "more is claimed": (change("claim", "clearance", add=0.01), "claim.clearance"),
+    "no clearance": (change("claim", "clearance"), "claim.clearance"),
+    "the post is moved": (MOVED, "and post"),
+    "the ball is larger": (GROWN, "and ball"),
+    "the floor is lifted": (change("floor", "placement", 2, 3, value=0.0), "and floor"),
+    "a longer link": (LONGER, "hand_0"),
+    "opposite directions": (turn_directions, "pairs[0]"),
+    "a long direction": (change("pairs", 0, "directions", 0, value=[2.0, 0.0, 0.0]), "pairs[0]"),
+    "an infinite direction": (change("pairs", 0, "directions", 0, value=[np.inf, 0.0, 0.0]), "pairs[0]"),
+    "a pair is dropped": (lambda p: p["pairs"].pop(3), "neither checked nor excluded"),
+    "a body is dropped": (lambda p: p["bodies"].pop(), "bodies"),
+    "another control point": (bend, "pairs"),
+    "a curve with a gap": (change("curve", "control", 1, 0, 0, add=1e-3), "curve.control[0]"),
+    "not a number": (change("curve", "control", 0, 0, 0, value=np.nan), "curve.control"),
+    "a long axis": (change("joints", 0, "axis", value=[0.0, 0.0, 2.0]), "joints[0].axis"),
+    "a sheared placement": (change("joints", 1, "placement", 0, 0, value=1.1), "joints[1].placement"),
+    "a moved joint": (change("joints", 2, "placement", 2, 3, add=-0.2), "pairs"),
+    "a joint is its own parent": (change("joints", 1, "parent", value=1), "joints[1].parent"),
+    "a negative index": (change("pairs", 0, "bodies", 0, value=-1), "pairs[0].bodies"),
+    "an interval beyond the table": (change("pairs", 0, "intervals", 0, value=10**6), "intervals"),
+    "a body hides behind an owner": (change("hand_0", "owner", value="slide"), "another joint or kind"),
+    "a body hides among obstacles": (change("hand_0", "kind", value="obstacle"), "an obstacle moves with no joint"),
+    "an exclusion of nothing": (lambda p: p["excluded"].append(["hand", "pots", "because"]), "pots"),
+    "an interval off the curve": (change("intervals", 0, 1, value=10.0), "lie on the curve"),
 }
 
 
-@pytest.mark.parametrize("change", TAMPERINGS, ids=lambda change: change.__name__)
-def test_a_changed_proof_is_refused_at_its_place_though_its_hashes_were_made_right(tampered, rehashed, change):
-    change(tampered)
-    try:
-        rehashed(tampered)
-    except ValueError:  # NaN has a hash too; what is ragged has none
-        pytest.fail("the change leaves nothing to hash")
-    verdict = verify(tampered)
+@pytest.mark.parametrize(("apply", "place"), TAMPERINGS.values(), ids=TAMPERINGS)
+def test_a_changed_proof_is_refused_at_its_place_though_its_hashes_were_made_right(tampered, rehashed, apply, place):
+    apply(tampered)
+    verdict = verify(rehashed(tampered))
     assert not verdict.ok
-    assert TAMPERINGS[change] in str(verdict)
+    assert place in str(verdict)
     assert np.isnan(verdict.clearance)
 
 
-@pytest.mark.parametrize("change", [move_obstacle, shrink_body, lengthen_link, grow_obstacle])
-def test_a_body_that_was_changed_by_accident_shows_in_its_hash(tampered, change):
-    change(tampered)
+@pytest.mark.parametrize("apply", [MOVED, SMALLER, LONGER, GROWN])
+def test_a_body_that_was_changed_by_accident_shows_in_its_hash(tampered, apply):
+    apply(tampered)
     assert "sha256" in str(verify(tampered))
 
 

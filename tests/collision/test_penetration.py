@@ -10,10 +10,14 @@ import pinproof as pp
 from pinproof.collision.checking.penetration import BRACKET, Penetration, penetration
 from pinproof.spatial import SE3, translated
 
-from .test_line_surface import mesh_of, surface_of
+from .test_line_surface import surface_of
 
 NONE = np.empty((0, 3))
 MOST = 1e-3
+
+
+def mesh_of(mesh: trimesh.Trimesh, **settings) -> pp.Mesh:
+    return pp.Mesh.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), **settings)
 
 
 def depth(one: pp.Shape, at: SE3, other: pp.Shape, most: float = MOST, directions: np.ndarray = NONE) -> Penetration:

@@ -246,26 +246,6 @@ def test_file_with_a_wrong_or_missing_value_is_refused(library, checker, tmp_pat
             pp.MotionLibrary.load(file, checker)
 
 
-def test_file_with_two_motions_of_one_name_is_refused(library, checker, tmp_path) -> None:
-    file = tmp_path / "library.json"
-    library.save(file)
-    data = json.loads(file.read_text())
-    data["motions"].append(data["motions"][0])
-    file.write_text(json.dumps(data))
-    with pytest.raises(FileError, match=r"motions\[2\].*'swing'"):
-        pp.MotionLibrary.load(file, checker)
-
-
-def test_file_with_one_changed_number_is_refused(library, checker, tmp_path) -> None:
-    file = tmp_path / "library.json"
-    library.save(file)
-    data = json.loads(file.read_text())
-    data["motions"][1]["motion"]["points"][1]["positions"][2] += 1e-12
-    file.write_text(json.dumps(data))
-    with pytest.raises(FileError, match=r"motions\[1\].*'lift' was changed"):
-        pp.MotionLibrary.load(file, checker)
-
-
 def test_tolerances_hold_for_every_motion_that_is_added_loaded_repaired_or_certified_again(checker, swing, tmp_path):
     """A ball over the motion, whose distance at dense samples decides which displacements can be covered."""
     q = swing(np.linspace(0.0, swing.duration, 200))
@@ -334,3 +314,16 @@ def test_mistakes_are_named(library, mistake, named) -> None:
         mistake(library)
     with pytest.raises(FileError, match=r"\.json"):
         library.save("library.txt")
+
+
+def test_file_with_a_repeated_or_changed_motion_is_refused(library, checker, tmp_path) -> None:
+    file = tmp_path / "library.json"
+    library.save(file)
+    data = json.loads(file.read_text())
+    again = {**data, "motions": [*data["motions"], data["motions"][0]]}
+    changed = json.loads(json.dumps(data))
+    changed["motions"][1]["motion"]["points"][1]["positions"][2] += 1e-12
+    for wrong, words in ((again, r"motions\[2\].*'swing'"), (changed, r"motions\[1\].*'lift' was changed")):
+        file.write_text(json.dumps(wrong))
+        with pytest.raises(FileError, match=words):
+            pp.MotionLibrary.load(file, checker)

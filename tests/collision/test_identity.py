@@ -109,8 +109,8 @@ def test_the_digest_of_a_body_depends_on_its_name_shape_and_pose_and_not_on_roun
     minus = pp.pose((0, 0, 0.1))
     minus.rotation, minus.translation = minus.rotation - 1e-12, minus.translation * [-1, 1, 1]
     assert np.signbit(minus.homogeneous).any()
-    for pose in (tiny, minus):
-        assert body_digest(replace(BALL, pose=pose)) == body_digest(BALL)
+    for placed in (tiny, minus):
+        assert body_digest(replace(BALL, pose=placed)) == body_digest(BALL)
     mesh = pp.Mesh.from_arrays(
         np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
     )

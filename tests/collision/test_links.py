@@ -1,4 +1,4 @@
-"""Geometry of link meshes: as requested for each link, and finer for pairs whose hulls touch although the meshes do not."""
+"""Geometry of link meshes, as requested for each link and finer for pairs of which only the hulls touch."""
 
 from __future__ import annotations
 

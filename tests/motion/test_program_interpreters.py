@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from pinproof.errors import PinproofError
 from pinproof.motion import JointMove, LinearMove, RobotProgram, SetOutput, Step, StreamedPoint, Wait, make_program
 from pinproof.motion.dialects import DIALECTS
 
-NAMES = pp.load_robot("ur5").arm().joint_names
+ARM = pp.load_robot("ur5").arm()
 OUTPUT = {"urscript": "0", "rapid": "do_gripper", "krl": "1", "fanuc": "1"}
 EDITS = 500
 """Edited programs of each language."""
@@ -34,6 +35,12 @@ class Ambiguous(Exception):
     """The text is no program, or one whose execution is not stated by the manual."""
 
 
+def refuse(text: object, ambiguous: object) -> None:
+    """Raise if the text is ambiguous."""
+    if ambiguous:
+        raise Ambiguous(text)
+
+
 # -- words ---------------------------------------------------------------------------------------------------------
 
 
@@ -41,11 +48,9 @@ def code_lines(text: str, comment: str) -> list[str]:
     """The lines without comments; a character that may or may not end a line is ambiguous."""
     found = []
     for line in text.replace("\r\n", "\n").split("\n"):
-        if any((ord(c) < 32 and c != "\t") or 127 <= ord(c) < 160 or c in "\u2028\u2029" for c in line):
-            raise Ambiguous(line)
+        refuse(line, any((ord(c) < 32 and c != "\t") or 127 <= ord(c) < 160 or c in "\u2028\u2029" for c in line))
         code = line.split(comment)[0] if comment else line
-        if not code.isascii():
-            raise Ambiguous(line)
+        refuse(line, not code.isascii())
         found.append(code.strip())
     return [line for line in found if line]
 
@@ -58,22 +63,19 @@ class Words:
     ):
         self.line, self.place = line, 0
         self.words: list[str] = []
-        at = 0
+        at, pattern = 0, re.compile(rf"(?P<space>\s+)|{numbers}|{names}|[^\w\s]")
         while at < len(line):
-            word = re.compile(rf"(?P<space>\s+)|{numbers}|{names}|[^\w\s]").match(line, at)
-            if word is None:
-                raise Ambiguous(line)
+            word = pattern.match(line, at)
+            refuse(line, word is None)
             if word["space"] is None:
                 self.words.append(word[0])
             at = word.end()
 
     def next(self, *expected: str) -> str:
         """The next word, which must be one of the expected, if there are any."""
-        if self.place >= len(self.words):
-            raise Ambiguous(self.line)
+        refuse(self.line, self.place >= len(self.words))
         word = self.words[self.place]
-        if expected and word.lower() not in expected:
-            raise Ambiguous(self.line)
+        refuse(self.line, expected and word.lower() not in expected)
         self.place += 1
         return word
 
@@ -83,13 +85,20 @@ class Words:
         self.place += len(words) * there
         return there
 
+    def skip(self, *words: str) -> None:
+        """Take these words, which must be next."""
+        for word in words:
+            self.next(word)
+
+    def seconds(self) -> float:
+        seconds = self.number()
+        refuse(self.line, seconds < 0)
+        return seconds
+
     def number(self) -> float:
         sign = -1.0 if self.takes("-") else 1.0
         word = self.next()
-        if not word[0].isdigit() and word[0] != ".":
-            raise Ambiguous(self.line)
-        if not np.isfinite(float(word)):
-            raise Ambiguous(self.line)
+        refuse(self.line, (not word[0].isdigit() and word[0] != ".") or not np.isfinite(float(word)))
         return sign * float(word)
 
     def numbers(self, count: int, opening: str = "[", closing: str = "]") -> tuple[float, ...]:
@@ -98,24 +107,20 @@ class Words:
         while self.takes(","):
             values.append(self.number())
         self.next(closing)
-        if len(values) != count:
-            raise Ambiguous(self.line)
+        refuse(self.line, len(values) != count)
         return tuple(values)
 
     def whole(self) -> int:
         word = self.next()
-        if not word.isdigit():
-            raise Ambiguous(self.line)
+        refuse(self.line, not word.isdigit())
         return int(word)
 
     def end(self) -> None:
-        if self.place < len(self.words):
-            raise Ambiguous(self.line)
+        refuse(self.line, self.place < len(self.words))
 
 
 def above_zero(value: float) -> float:
-    if not value > 0:
-        raise Ambiguous(value)
+    refuse(value, not value > 0)
     return value
 
 
@@ -127,8 +132,7 @@ def started(routines: dict[str, list[str]], first: str, run: Callable[[str], boo
     """Execute the lines of a routine; ``run`` returns False for a line that is the name of a called routine."""
 
     def execute(name: str, depth: int) -> None:
-        if depth > 3 or name not in routines:
-            raise Ambiguous(name)
+        refuse(name, depth > 3 or name not in routines)
         for line in routines[name]:
             if not run(line):
                 execute(line.lower().removesuffix("()").strip(), depth + 1)
@@ -144,16 +148,16 @@ def run_urscript(text: str) -> Executed:
     done: Executed = []
     lines = code_lines(text, "#")
     opened = [re.fullmatch(r"def\s+([A-Za-z_]\w*)\s*\(\s*\)\s*:", line) for line in lines]
-    if not lines or opened[0] is None or lines[-1] != "end" or sum(map(bool, opened)) != lines.count("end") != 1:
-        raise Ambiguous("one function")  # what a controller does with several depends on how they are sent
+    refuse("no function", not lines or opened[0] is None or lines[-1] != "end")
+    # What a controller does with several functions depends on how they are sent.
+    refuse("one function", sum(map(bool, opened)) != lines.count("end") != 1)
     name, streams, blends = opened[0][1], False, False
 
     def run(line: str) -> bool:
         nonlocal streams, blends
         words = Words(line)
         called = words.next()
-        if called == name:
-            raise Ambiguous(line)  # it calls itself
+        refuse(line, called == name)  # it calls itself
         known = {
             "movej": {"a": 1.4, "v": 1.05, "t": 0.0, "r": 0.0}, "movel": {"a": 1.2, "v": 0.25, "t": 0.0, "r": 0.0},
             "servoj": {"a": 0.0, "v": 0.0, "t": 0.002, "lookahead_time": 0.1, "gain": 300.0},
@@ -165,42 +169,33 @@ def run_urscript(text: str) -> Executed:
             while words.takes(","):
                 key = words.next()
                 words.next("=")
-                if key not in given or key in stated:
-                    raise Ambiguous(line)
+                refuse(line, key not in given or key in stated)
                 stated.add(key)
                 given[key] = words.number()
-            if any(value < 0 for value in given.values()):
-                raise Ambiguous(line)
+            refuse(line, any(value < 0 for value in given.values()))
             timed = given["t"] > 0
             if called == "movej":
                 above_zero(given["a"])
                 speed = None if timed else above_zero(given["v"])
                 done.append(("joint", q, given["t"] if timed else None, speed, given["r"] or None))
             elif called == "movel":
-                if not timed or given["r"]:
-                    raise Ambiguous(line)
+                refuse(line, not timed or given["r"])
                 done.append(("line", q, given["t"], None))
             else:  # nearer set points than the filter, which is the shortest with the highest gain
-                if (given["lookahead_time"], given["gain"]) != (0.03, 2000.0) or not 0 < given["t"] <= 0.03:
-                    raise Ambiguous(line)
+                refuse(line, (given["lookahead_time"], given["gain"]) != (0.03, 2000.0) or not 0 < given["t"] <= 0.03)
                 done.append(("point", q, given["t"]))
             streams, blends = called == "servoj", called == "movej" and given["r"] > 0
         elif called == "sleep":
-            seconds = words.number()
-            if seconds < 0:
-                raise Ambiguous(line)
-            done.append(("wait", seconds))
+            done.append(("wait", words.seconds()))
         elif called == "set_standard_digital_out":
             output = words.whole()
             words.next(",")
             state = words.next()
-            if output > 7 or state not in ("True", "False"):
-                raise Ambiguous(line)
+            refuse(line, output > 7 or state not in ("True", "False"))
             done.append(("output", str(output), state == "True"))
         elif called == "stopj":
             above_zero(words.number())
-            if blends or not streams:
-                raise Ambiguous(line)
+            refuse(line, blends or not streams)
         else:
             raise Ambiguous(line)
         words.next(")")
@@ -211,20 +206,8 @@ def run_urscript(text: str) -> Executed:
     return done
 
 
-V_DATA = {
-    5,
-    *range(10, 61, 10),
-    80,
-    100,
-    150,
-    *range(200, 601, 100),
-    800,
-    1000,
-    1500,
-    2000,
-    2500,
-    *range(3000, 7001, 1000),
-}
+V_DATA = {5, *range(10, 61, 10), 80, 100, 150, *range(200, 601, 100), 800, 1000, 1500, 2000, 2500,
+          *range(3000, 7001, 1000)}  # fmt: skip
 Z_DATA = {0, 1, 5, 10, 15, *range(20, 61, 10), 80, 100, 150, 200}
 
 
@@ -239,19 +222,16 @@ def run_rapid(text: str) -> Executed:
         if frame := declared.match(code, at):
             at, word = frame.end(), frame[1].split()[0].split("(")[0].upper()
             if word == "MODULE":
-                if names:
-                    raise Ambiguous("two modules")
+                refuse("two modules", names)
                 inside = True
                 names.append(frame[2].lower())
             elif word == "PROC":
-                if not inside or current or frame[3].lower() in names:
-                    raise Ambiguous(frame[0])
+                refuse(frame[0], not inside or current or frame[3].lower() in names)
                 current = frame[3].lower()
                 names.append(current)
                 routines[current] = []
             elif word == "ENDPROC":
-                if not current:
-                    raise Ambiguous("ENDPROC")
+                refuse("ENDPROC", not current)
                 current = ""
             elif not inside or current:
                 raise Ambiguous("ENDMODULE")
@@ -259,12 +239,10 @@ def run_rapid(text: str) -> Executed:
                 inside = False
             continue
         end = code.find(";", at)
-        if end < 0 or not current:
-            raise Ambiguous(code[at:])
+        refuse(code[at:], end < 0 or not current)
         routines[current].append(code[at:end].strip())
         at = end + 1
-    if inside or current or not names or any(re.match(r"\d", name) for name in names):
-        raise Ambiguous("not complete")
+    refuse("not complete", inside or current or not names or any(re.match(r"\d", name) for name in names))
 
     def target(words: Words) -> tuple[float, ...]:
         words.next("[")
@@ -272,16 +250,13 @@ def run_rapid(text: str) -> Executed:
         words.next(",")
         axes = words.words[words.place : words.place + 13]
         words.place += 13
-        if axes != ["[", *",".join(["9E9"] * 6).replace(",", " , ").split(), "]"]:
-            raise Ambiguous(words.line)
+        refuse(words.line, axes != ["[", *",".join(["9E9"] * 6).replace(",", " , ").split(), "]"])
         words.next("]")
         return in_radians(q)
 
     def data(word: str, letter: str, known: set[int]) -> int:
-        if word[:1].lower() != letter or not word[1:].isdigit() or str(int(word[1:])) != word[1:]:
-            raise Ambiguous(word)
-        if int(word[1:]) not in known:
-            raise Ambiguous(word)
+        refuse(word, word[:1].lower() != letter or not word[1:].isdigit() or str(int(word[1:])) != word[1:])
+        refuse(word, int(word[1:]) not in known)
         return int(word[1:])
 
     def run(line: str) -> bool:
@@ -290,10 +265,7 @@ def run_rapid(text: str) -> Executed:
         words = Words(line)
         called = words.next().lower()
         if called == "waittime":
-            seconds = words.number()
-            if seconds < 0:
-                raise Ambiguous(line)
-            done.append(("wait", seconds))
+            done.append(("wait", words.seconds()))
         elif called == "setdo":
             output = words.next()
             words.next(",")
@@ -301,12 +273,10 @@ def run_rapid(text: str) -> Executed:
         elif called in ("moveabsj", "movel"):
             straight = called == "movel"
             if straight:
-                words.next("calcrobt")
-                words.next("(")
+                words.skip("calcrobt", "(")
             q = target(words)
             if straight:
-                for word in (",", "tool0", ")"):
-                    words.next(word)
+                words.skip(",", "tool0", ")")
             elif not words.takes("\\", "noeoffs"):
                 raise Ambiguous(line)
             words.next(",")
@@ -315,10 +285,8 @@ def run_rapid(text: str) -> Executed:
             words.next(",")
             zone = words.next()
             blend = None if zone.lower() == "fine" else 0.5 * (data(zone, "z", Z_DATA) >= 0)
-            for word in (",", "tool0"):
-                words.next(word)
-            if straight and (blend or time is None):
-                raise Ambiguous(line)
+            words.skip(",", "tool0")
+            refuse(line, straight and (blend or time is None))
             done.append(("line", q, time, None) if straight else ("joint", q, time, None, blend))
         else:
             raise Ambiguous(line)
@@ -336,8 +304,7 @@ def run_krl(text: str) -> Executed:
     for line in code_lines(text, ";"):
         if frame := re.fullmatch(r"DEF\s+([A-Za-z_]\w*)\s*\(\s*\)", line, re.IGNORECASE):
             current, before = frame[1].lower(), current
-            if before or current in routines or current in ("bas", "ptp", "lin", "wait", "def", "end", "sec"):
-                raise Ambiguous(line)
+            refuse(line, before or current in routines or current in ("bas", "ptp", "lin", "wait", "def", "end", "sec"))
             first = first or current
             routines[current] = []
         elif line.upper() == "END" and current:
@@ -346,8 +313,7 @@ def run_krl(text: str) -> Executed:
             routines[current].append(line)
         else:
             raise Ambiguous(line)
-    if current or not first:
-        raise Ambiguous("not complete")
+    refuse("not complete", current or not first)
     state: dict[str, float | None] = {}
     here: dict[str, float] = {}
 
@@ -356,8 +322,7 @@ def run_krl(text: str) -> Executed:
         found: dict[str, float] = {}
         while True:
             name = words.next().upper()
-            if name not in names or name in found:
-                raise Ambiguous(words.line)
+            refuse(words.line, name not in names or name in found)
             found[name] = words.number()
             if words.takes("}"):
                 return found
@@ -369,8 +334,7 @@ def run_krl(text: str) -> Executed:
         words = Words(line)
         called = words.next().lower()
         if called == "bas":
-            for word in ("(", "#"):
-                words.next(word)
+            words.skip("(", "#")
             command = words.next().lower()
             words.next(",")
             value = words.number()
@@ -387,36 +351,28 @@ def run_krl(text: str) -> Executed:
         elif called == "$":
             variable = words.next().lower()
             if variable == "out":
-                words.next("[")
+                words.skip("[")
                 output = words.whole()
-                words.next("]")
-                words.next("=")
-                if output == 0:
-                    raise Ambiguous(line)
+                words.skip("]", "=")
+                refuse(line, output == 0)
                 done.append(("output", str(output), words.next("true", "false").lower() == "true"))
             elif variable == "apo" and words.takes(".", "cptp", "=") and not any(row[0] == "joint" for row in done):
                 state["share"] = words.number() / 200
-                if not 0 < state["share"] <= 0.5:
-                    raise Ambiguous(line)
+                refuse(line, not 0 < state["share"] <= 0.5)
             else:
                 raise Ambiguous(line)
         elif called == "wait":
             words.next("sec")
-            seconds = words.number()
-            if seconds < 0:
-                raise Ambiguous(line)
-            done.append(("wait", seconds))
+            done.append(("wait", words.seconds()))
         elif called == "ptp" and "initialised" in state:
             here.update(fields(words, [f"A{k}" for k in range(1, 7)]))
-            if len(here) < 6:
-                raise Ambiguous(line)
+            refuse(line, len(here) < 6)
             q = in_radians(tuple(here[f"A{k}"] for k in range(1, 7)))
             blend = state.get("share", 0.5) if words.takes("c_ptp") else None
             done.append(("joint", q, None, None, blend))
         elif called == "lin" and state.get("line"):
             frame = fields(words, list("XYZABC"))
-            if len(frame) < 6:
-                raise Ambiguous(line)
+            refuse(line, len(frame) < 6)
             a, b, c = np.deg2rad([frame["A"], frame["B"], frame["C"]])
             turn = [
                 [np.cos(a) * np.cos(b), np.cos(a) * np.sin(b) * np.sin(c) - np.sin(a) * np.cos(c),
@@ -446,23 +402,21 @@ def run_fanuc(text: str) -> Executed:
     done: Executed = []
     lines = code_lines(text, "")
     sections = [k for k, line in enumerate(lines) if line.startswith("/")]
-    if [lines[k].split()[0] for k in sections] != ["/PROG", "/ATTR", "/MN", "/POS", "/END"] or lines[-1] != "/END":
-        raise Ambiguous("sections")
-    if sections[0] != 0 or sections[1] != 1 or not re.fullmatch(r"/PROG\s+[A-Z]\w*", lines[0]):
-        raise Ambiguous("header")
+    order = [lines[k].split()[0] for k in sections] == ["/PROG", "/ATTR", "/MN", "/POS", "/END"]
+    refuse("sections", not order or lines[-1] != "/END")
+    refuse("header", sections[0] != 0 or sections[1] != 1 or not re.fullmatch(r"/PROG\s+[A-Z]\w*", lines[0]))
     attributes = lines[2 : sections[2]]
-    if any(not re.fullmatch(r"[A-Z_]+ = [^;]*;", line) for line in attributes) or not any(
-        line.replace(" ", "") == "DEFAULT_GROUP=1,*,*,*,*;" for line in attributes
-    ):
-        raise Ambiguous("attributes")
+    refuse("attributes", any(not re.fullmatch(r"[A-Z_]+ = [^;]*;", line) for line in attributes))
+    refuse("group", "DEFAULT_GROUP=1,*,*,*,*;" not in [line.replace(" ", "") for line in attributes])
     positions = dict[int, tuple[float, ...]]()
     table = " ".join(lines[sections[3] + 1 : sections[4]])
     one = re.compile(r"\s*P\s*\[\s*(\d+)\s*\]\s*\{\s*GP1\s*:\s*UF\s*:\s*(\d+)\s*,\s*UT\s*:\s*(\d+)\s*,([^;{}]*)\}\s*;")
     at = 0
     while table[at:].strip():
         entry = one.match(table, at)
-        if entry is None or int(entry[1]) in positions or int(entry[1]) == 0 or entry.group(2, 3) != ("0", "1"):
-            raise Ambiguous(table[at : at + 80])
+        refuse(
+            table[at : at + 80], entry is None or int(entry[1]) in (0, *positions) or entry.group(2, 3) != ("0", "1")
+        )
         words = Words(entry[4], numbers=DECIMALS)
         values = []
         for joint in range(1, 7):
@@ -478,8 +432,7 @@ def run_fanuc(text: str) -> Executed:
     state: dict[str, int] = {}
     for line in lines[sections[2] + 1 : sections[3]]:
         code = re.fullmatch(r"\d*\s*:\s*([^;]*);", line)
-        if code is None:
-            raise Ambiguous(line)
+        refuse(line, code is None)
         if code[1].startswith("!"):
             continue
         words = Words(code[1], names="CNT|[A-Z]+(?:_[A-Z]+)?|msec|sec|mm", numbers=DECIMALS)
@@ -488,40 +441,29 @@ def run_fanuc(text: str) -> Executed:
             words.next("=")
             state[called] = words.whole()
         elif called == "WAIT":
-            done.append(("wait", words.number()))
-            for word in ("(", "sec", ")"):
-                words.next(word)
-            if done[-1][1] < 0:
-                raise Ambiguous(line)
+            done.append(("wait", words.seconds()))
+            words.skip("(", "sec", ")")
         elif called == "DO":
-            words.next("[")
+            words.skip("[")
             output = words.whole()
-            words.next("]")
-            words.next("=")
-            if output == 0:
-                raise Ambiguous(line)
+            words.skip("]", "=")
+            refuse(line, output == 0)
             done.append(("output", str(output), words.next("on", "off") == "ON"))
         elif called in ("J", "L") and (state.get("UFRAME_NUM"), state.get("UTOOL_NUM")) == (0, 1):
-            for word in ("p", "["):
-                words.next(word)
+            words.skip("p", "[")
             number = words.whole()
             words.next("]")
             amount = words.whole()
             unit = words.next()
-            if amount > 10**6:
-                raise Ambiguous(line)
+            refuse(line, amount > 10**6)
             time = None if unit == "%" else above_zero(amount) / {"msec": 1000, "sec": 1}.get(unit, np.nan)
-            if number not in positions or (time is None and not (called == "J" and 1 <= amount <= 100)):
-                raise Ambiguous(line)
-            if time is not None and np.isnan(time):
-                raise Ambiguous(line)
+            refuse(line, number not in positions or (time is None and not (called == "J" and 1 <= amount <= 100)))
+            refuse(line, time is not None and np.isnan(time))
             blend = None
             if not words.takes("fine"):
-                if not (words.takes("cnt") and 0 <= words.whole() <= 100):
-                    raise Ambiguous(line)
+                refuse(line, not (words.takes("cnt") and 0 <= words.whole() <= 100))
                 blend = 0.5
-            if called == "L" and blend:
-                raise Ambiguous(line)
+            refuse(line, called == "L" and blend)
             q = positions[number]
             done.append(("joint", q, time, None, blend) if called == "J" else ("line", q, time, None))
         else:
@@ -530,9 +472,7 @@ def run_fanuc(text: str) -> Executed:
     return done
 
 
-INTERPRETERS: dict[str, Callable[[str], Executed]] = {
-    "urscript": run_urscript, "rapid": run_rapid, "krl": run_krl, "fanuc": run_fanuc,
-}  # fmt: skip
+INTERPRETERS = {"urscript": run_urscript, "rapid": run_rapid, "krl": run_krl, "fanuc": run_fanuc}
 
 
 # -- what the readers say ------------------------------------------------------------------------------------------
@@ -558,10 +498,8 @@ def read_steps(steps: tuple[Step, ...]) -> Executed:
 
 
 def same(read: Executed, executed: Executed) -> bool:
-    def flat(rows: Executed) -> list:
-        return [part for row in rows for cell in row for part in (cell if isinstance(cell, tuple) else (cell,))]
-
-    a, b = flat(read), flat(executed)
+    a, b = ([part for row in rows for cell in row for part in (cell if isinstance(cell, tuple) else (cell,))]
+            for rows in (read, executed))  # fmt: skip
     return len(a) == len(b) and all(
         abs(x - y) <= 1e-12 if isinstance(x, float) and isinstance(y, float) else x == y
         for x, y in zip(a, b, strict=True)
@@ -627,7 +565,7 @@ MOVES = r"move|MoveAbsJ|MoveL|PTP|LIN|J P|L P|J1 =|servoj"
 
 def program_text(dialect: str, rng: np.random.Generator) -> str:
     """A slow program with all constructs, or one of set points."""
-    q = pp.load_robot("ur5").arm().home + np.cumsum(rng.uniform(-0.15, 0.15, (5, 6)), axis=0)
+    q = ARM.home + np.cumsum(rng.uniform(-0.15, 0.15, (5, 6)), axis=0)
     blend = DIALECTS[dialect].blend
     moves = [JointMove(row, None if k == 0 else 0.4, blend if k == 1 else None) for k, row in enumerate(q)]
     line = LinearMove(q[2] - 0.01, pp.pose((0.1, -0.2, 0.5), (0.3, -0.4, 2.5)), 1.25)
@@ -635,7 +573,7 @@ def program_text(dialect: str, rng: np.random.Generator) -> str:
     if dialect == "urscript" and rng.random() < 0.4:
         along = 0.01 * (1.0 - np.cos(np.linspace(0, np.pi, 12)))
         steps = [moves[0], *(StreamedPoint(q[0] + x, 0.008) for x in along), Wait(0.5), moves[1], moves[2]]
-    return make_program(steps, NAMES, dialect=dialect).text
+    return make_program(steps, ARM.joint_names, dialect=dialect).text
 
 
 def edited(text: str, dialect: str, rng: np.random.Generator) -> str:
@@ -711,12 +649,12 @@ def edited(text: str, dialect: str, rng: np.random.Generator) -> str:
 def judged(dialect: str, edits: int, seed: int) -> Iterator[str]:
     """What was done with each edited program: refused, unedited, or changed, and then the status of its certificate."""
     rng, interpret = np.random.default_rng(seed), INTERPRETERS[dialect]
-    checker = pp.CollisionChecker(pp.load_robot("ur5").arm())
-    velocity = checker.arm.limits.velocity
-    for _ in range(edits):
-        original = program_text(dialect, rng)
-        wanted = interpret(original)
-        assert same(read_steps(RobotProgram.parse(original, dialect=dialect).steps), wanted), original
+    checker, velocity = pp.CollisionChecker(ARM), ARM.limits.velocity
+    for k in range(edits):
+        if k % 5 == 0:
+            original = program_text(dialect, rng)
+            wanted = interpret(original)
+            assert same(read_steps(RobotProgram.parse(original, dialect=dialect).steps), wanted), original
         text = edited(original, dialect, rng)
         for allowed in (False, True):
             try:
@@ -733,9 +671,7 @@ def judged(dialect: str, edits: int, seed: int) -> Iterator[str]:
             yield "changed"
             # Outputs, and lines with a rotation, are undecided by themselves: without them the verdict is of the moves.
             steps = tuple(step for step in program.steps if not isinstance(step, SetOutput | LinearMove))
-            moving = RobotProgram(
-                program.name, dialect, NAMES, steps, program.deviation, program.certificate, text, program.picks
-            )
+            moving = replace(program, steps=steps)
             if not moving.moves:
                 continue
             certificate = certify_program(moving, checker)

@@ -1,10 +1,8 @@
-from __future__ import annotations
+"""Files of trajectories: every number comes back, damage is refused with its place, and certificates are recorded."""
 
 import json
 import pickle
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -51,11 +49,16 @@ def test_a_saved_trajectory_comes_back_bit_for_bit(tmp_path, ending, data, quint
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv", ".JSON"])
-def test_names_and_notes_of_any_spelling_survive(tmp_path, trajectory, ending):
+def test_names_and_notes_of_any_spelling_survive_and_columns_are_matched_by_name(tmp_path, trajectory, ending):
     trajectory.save(tmp_path / f"t{ending}")
     loaded = Trajectory.load(tmp_path / f"t{ending}")
-    assert loaded.joint_names == NAMES
-    assert loaded.limits_note == "as\ngiven: é"
+    assert (loaded.joint_names, loaded.limits_note) == (NAMES, "as\ngiven: é")
+    loaded = Trajectory.load(tmp_path / f"t{ending}", joint_names=NAMES[::-1])
+    assert loaded.joint_names == NAMES[::-1]
+    np.testing.assert_array_equal(loaded.q, trajectory.q[:, ::-1])
+    np.testing.assert_array_equal(loaded.velocities, trajectory.velocities[:, ::-1])
+    with pytest.raises(TrajectoryError, match="joint_names"):
+        Trajectory.load(tmp_path / f"t{ending}", joint_names=[NAMES[0], "wrist"])
 
 
 def test_json_is_a_joint_trajectory_message_plus_one_key(tmp_path, trajectory):
@@ -105,20 +108,14 @@ def test_times_are_read_as_either_ros_and_as_plain_seconds(tmp_path, spelled):
 
 
 ECHO = """header:
-  stamp:
-    sec: 0
-    nanosec: 0
+  stamp: {sec: 0, nanosec: 0}
   frame_id: ''
 joint_names:
 - shoulder
 - elbow
 points:
-- positions:
-  - 0.1
-  - 1.0e-05
-  velocities:
-  - 0.0
-  - 0.0
+- positions: [0.1, 1.0e-05]
+  velocities: [0.0, 0.0]
   accelerations: []
   effort: []
   time_from_start:
@@ -130,11 +127,7 @@ points:
   velocities:
   - 0.0
   - 0.25
-  accelerations: []
-  effort: []
-  time_from_start:
-    sec: 2
-    nanosec: 500000000
+  time_from_start: {sec: 2, nanosec: 500000000}
 ---
 """
 
@@ -149,43 +142,18 @@ def test_the_output_of_ros2_topic_echo_is_read(tmp_path, ending):
     assert loaded.interpolant == "cubic"
 
 
-def test_bad_yaml_is_refused_with_file_and_place(tmp_path):
-    (tmp_path / "t.yaml").write_text(ECHO.replace("  - 0.25\n", ""))
-    with pytest.raises(TrajectoryError, match=r"t\.yaml: points\[1\].velocities: must be a list of 2"):
-        Trajectory.load(tmp_path / "t.yaml")
-    (tmp_path / "t.yaml").write_text(ECHO.replace("header:", "header: {", 1))
-    with pytest.raises(TrajectoryError, match=r"t\.yaml: line \d+: is not valid YAML"):
-        Trajectory.load(tmp_path / "t.yaml")
-
-
-def test_a_key_given_twice_is_refused(tmp_path):
-    (tmp_path / "t.json").write_text('{"joint_names": ["a"], "joint_names": ["b"], "points": []}')
-    with pytest.raises(TrajectoryError, match="'joint_names' twice"):
-        Trajectory.load(tmp_path / "t.json")
-
-
 def test_fixed_joints_outside_the_arm_are_omitted_on_request(tmp_path):
     q = np.array([[0.0, 5.0, 1.0], [1.0, 5.0, 2.0]])
     Trajectory([0, 1], q, np.zeros((2, 3)), ["a", "finger", "b"]).save(tmp_path / "t.json")
-    with pytest.raises(TrajectoryError, match="subset=True"):
-        Trajectory.load(tmp_path / "t.json", ["b", "a"])
     loaded = Trajectory.load(tmp_path / "t.json", ["b", "a"], subset=True)
     assert loaded.q.tolist() == [[1.0, 0.0], [2.0, 1.0]]
-    with pytest.raises(TrajectoryError, match="'b' moves"):
-        Trajectory.load(tmp_path / "t.json", ["a", "finger"], subset=True)
-    with pytest.raises(TrajectoryError, match=r"differ in \['wrist'\]"):
-        Trajectory.load(tmp_path / "t.json", ["a", "wrist", "b", "finger"], subset=True)
-
-
-@pytest.mark.parametrize("ending", [".json", ".csv"])
-def test_columns_are_matched_by_name(tmp_path, trajectory, ending):
-    trajectory.save(tmp_path / f"t{ending}")
-    loaded = Trajectory.load(tmp_path / f"t{ending}", joint_names=NAMES[::-1])
-    assert loaded.joint_names == NAMES[::-1]
-    np.testing.assert_array_equal(loaded.q, trajectory.q[:, ::-1])
-    np.testing.assert_array_equal(loaded.velocities, trajectory.velocities[:, ::-1])
-    with pytest.raises(TrajectoryError, match="joint_names"):
-        Trajectory.load(tmp_path / f"t{ending}", joint_names=[NAMES[0], "wrist"])
+    for names, subset, message in (
+        (["b", "a"], False, "subset=True"),
+        (["a", "finger"], True, "'b' moves"),
+        (["a", "wrist", "b", "finger"], True, r"differ in \['wrist'\]"),
+    ):
+        with pytest.raises(TrajectoryError, match=message):
+            Trajectory.load(tmp_path / "t.json", names, subset=subset)
 
 
 def good_json():
@@ -219,6 +187,7 @@ def set_at(data, *keys_and_value):
         (("points", 1, "positions", [1.0, 10**400]), r"points\[1\].positions"),
         (("points", 1, "accelerations", [1.0, 2.0]), r"points: .*accelerations"),
         (("points", 1, "accelerations", [1.0]), r"points\[1\].accelerations: must be a list of 2"),
+        (("points", 0, "velocities", []), r"points\[0\]: lacks velocities"),
         (("points", 1, "velocities", []), r"points\[1\]: lacks velocities: .* JointPath"),
         (("points", 1, "effort", [1.0, 2.0]), r"points\[1\].effort"),
         (("points", 1, "speed", []), r"points\[1\]: has unknown keys speed"),
@@ -247,26 +216,6 @@ def test_bad_json_is_refused_with_file_and_place(tmp_path, change, message):
     assert caught.value.path == str(path)
 
 
-def test_a_message_without_velocities_is_refused(tmp_path):
-    data = good_json()
-    del data["points"][0]["velocities"]
-    (tmp_path / "bad.json").write_text(json.dumps(data))
-    with pytest.raises(TrajectoryError, match=r"points\[0\]: lacks velocities"):
-        Trajectory.load(tmp_path / "bad.json")
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"points": []}', "[" * 100_000, "1e999"])
-def test_an_invalid_trajectory_json_is_refused(tmp_path, text):
-    (tmp_path / "bad.json").write_text(text)
-    with pytest.raises(TrajectoryError, match=r"bad\.json"):
-        Trajectory.load(tmp_path / "bad.json")
-
-
-def lines_of(tmp_path):
-    Trajectory([0, 1], [[1, 2], [3, 4]], np.zeros((2, 2)), ["a", "b"]).save(tmp_path / "good.csv")
-    return (tmp_path / "good.csv").read_text().splitlines()
-
-
 @pytest.mark.parametrize(
     ("line", "old", "new", "message"),
     [
@@ -283,33 +232,38 @@ def lines_of(tmp_path):
         (3, "1.000000000", "-1.000000000", "line 4: time_from_start"),
         (3, "1.000000000", "0.000000000", "line 4: times must increase"),
         (2, "0.000000000", "0.000000001", "line 3: the first point"),
+        (1, " b", " a", ".*'a' twice"),
+        (2, "", None, "line 3: has no point"),
     ],
 )
 def test_bad_csv_is_refused_with_file_and_line(tmp_path, line, old, new, message):
-    lines = lines_of(tmp_path)
+    Trajectory([0, 1], [[1, 2], [3, 4]], np.zeros((2, 2)), ["a", "b"]).save(tmp_path / "good.csv")
+    lines = (tmp_path / "good.csv").read_text().splitlines()
     assert old in lines[line]
-    lines[line] = lines[line].replace(old, new, 1)
+    lines[line:] = (
+        [lines[line].replace(old, new, -1 if old == " b" else 1), *lines[line + 1 :]] if new is not None else []
+    )
     (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
     with pytest.raises(TrajectoryError, match=f"bad.csv: {message}"):
         Trajectory.load(tmp_path / "bad.csv")
 
 
-def test_repeated_joints_and_missing_points_in_csv_are_refused(tmp_path):
-    lines = lines_of(tmp_path)
-    (tmp_path / "bad.csv").write_text("\n".join(lines[:2]) + "\n")
-    with pytest.raises(TrajectoryError, match="line 3: has no point"):
-        Trajectory.load(tmp_path / "bad.csv")
-    (tmp_path / "bad.csv").write_text("\n".join([lines[0], lines[1].replace(" b", " a"), *lines[2:]]) + "\n")
-    with pytest.raises(TrajectoryError, match="'a' twice"):
-        Trajectory.load(tmp_path / "bad.csv")
-
-
-def test_files_that_cannot_be_read_are_named(tmp_path):
-    with pytest.raises(TrajectoryError, match=r"none\.json: cannot be read"):
-        Trajectory.load(tmp_path / "none.json")
-    (tmp_path / "latin.csv").write_bytes(b"\xff\xfe")
-    with pytest.raises(TrajectoryError, match="UTF-8"):
-        Trajectory.load(tmp_path / "latin.csv")
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        *(("bad.json", text, "bad.json") for text in ("", "{", "[]", '{"points": []}', "[" * 100_000, "1e999")),
+        ("t.json", '{"joint_names": ["a"], "joint_names": ["b"], "points": []}', "'joint_names' twice"),
+        ("t.yaml", ECHO.replace("  - 0.25\n", ""), r"t\.yaml: points\[1\].velocities: must be a list of 2"),
+        ("t.yaml", ECHO.replace("header:", "header: {", 1), r"t\.yaml: line \d+: is not valid YAML"),
+        ("none.json", None, r"none\.json: cannot be read"),
+        ("latin.csv", b"\xff\xfe", "UTF-8"),
+    ],
+)
+def test_a_file_that_is_no_trajectory_is_refused(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(TrajectoryError, match=message):
+        Trajectory.load(tmp_path / name)
 
 
 def test_other_endings_and_places_that_do_not_exist_are_refused(tmp_path, trajectory):
@@ -348,26 +302,36 @@ def test_a_table_that_a_spreadsheet_saved_with_other_separators_is_recognised(tm
 
 
 @pytest.fixture(scope="module")
-def arm() -> pp.Arm:
+def arm():
     return pp.load_robot("generic_6dof").arm()
 
 
 @pytest.fixture(scope="module")
-def motion(arm: pp.Arm) -> pp.Trajectory:
+def motion(arm):
     return pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.05], arm.joint_names), arm.limits)
 
 
+BALL = pp.Obstacle("ball", pp.Sphere(radius=0.02), pp.pose((0, 0, 0.1)))
+SCENE = pp.Scene([pp.Obstacle("post", pp.Sphere(radius=0.02), pp.pose((0, 0, 5)))])
+
+
 @pytest.fixture(scope="module")
-def certificate(arm: pp.Arm, motion: pp.Trajectory) -> pp.Certificate:
-    ball = pp.Obstacle("ball", pp.Sphere(radius=0.02), pp.pose((0, 0, 0.1)))
-    scene = pp.Scene([pp.Obstacle("post", pp.Sphere(radius=0.02), pp.pose((0, 0, 5)))])
-    return pp.certify(motion, pp.CollisionChecker(arm, scene, attached=[ball], allowed=[]))
+def certificate(arm, motion):
+    return pp.certify(motion, pp.CollisionChecker(arm, SCENE, attached=[BALL], allowed=[]))
+
+
+@pytest.fixture(scope="module")
+def saved(motion, certificate, tmp_path_factory):
+    """The file of a motion with its certificate."""
+    file = tmp_path_factory.mktemp("motion") / "motion.json"
+    motion.save(file, certificate=certificate)
+    return file
 
 
 @pytest.mark.parametrize("name", ["motion.json", "motion.csv"])
-def test_the_record_comes_back(tmp_path: Path, motion: pp.Trajectory, certificate: pp.Certificate, name: str) -> None:
+def test_the_record_comes_back(tmp_path, motion, certificate, name):
     motion.save(tmp_path / name, certificate=certificate)
-    found = pp.Trajectory.load(tmp_path / name)
+    found = Trajectory.load(tmp_path / name)
     assert found.certified == (certificate.motion_record(end=motion.duration),)
     (record,) = found.certified
     assert (record.status, record.pairs, record.setup) == (
@@ -378,38 +342,23 @@ def test_the_record_comes_back(tmp_path: Path, motion: pp.Trajectory, certificat
     assert (tuple(record.attached), record.obstacles) == (("ball",), ("post",))
     assert record.curve == found.digest() == certificate.curve
     found.save(tmp_path / f"again_{name}")
-    assert pp.Trajectory.load(tmp_path / f"again_{name}").certified == found.certified
+    assert Trajectory.load(tmp_path / f"again_{name}").certified == found.certified
     assert pickle.loads(pickle.dumps(found)).certified == found.certified
 
 
-def test_joints_in_another_order_keep_the_record_of_the_same_motion(
-    tmp_path: Path, motion: pp.Trajectory, certificate: pp.Certificate
-) -> None:
-    motion.save(tmp_path / "motion.json", certificate=certificate)
-    turned = pp.Trajectory.load(tmp_path / "motion.json", motion.joint_names[::-1])
+def test_joints_in_another_order_keep_the_record_of_the_same_motion(saved, motion):
+    turned = Trajectory.load(saved, motion.joint_names[::-1])
     assert turned.digest() != motion.digest()
     assert turned.certified[0].curve == turned.digest()
 
 
-def test_another_motion_has_no_record(motion: pp.Trajectory, certificate: pp.Certificate, tmp_path: Path) -> None:
-    slower = motion.slowed(2.0)
-    assert slower.certified == ()
+def test_another_motion_has_no_record(motion, certificate, saved, tmp_path):
+    slower, found = motion.slowed(2.0), Trajectory.load(saved)
     with pytest.raises(InputError, match="another motion"):
         slower.save(tmp_path / "motion.json", certificate=certificate)
     assert not (tmp_path / "motion.json").exists()
-    motion.save(tmp_path / "motion.json", certificate=certificate)
-    found = pp.Trajectory.load(tmp_path / "motion.json")
-    assert found.slowed(2.0).certified == ()
-    assert pp.Trajectory.join(found).certified == ()
-
-
-def test_a_checker_without_the_recorded_body_is_noted_in_the_certificate(
-    tmp_path: Path, arm: pp.Arm, motion: pp.Trajectory, certificate: pp.Certificate
-) -> None:
-    motion.save(tmp_path / "motion.json", certificate=certificate)
-    bare = pp.certify(pp.Trajectory.load(tmp_path / "motion.json"), pp.CollisionChecker(arm))
-    assert any("ball" in note for note in bare.notes)
-    assert any("post" in note for note in bare.notes)
+    for other in (slower, found.slowed(2.0), Trajectory.join(found)):
+        assert other.certified == ()
 
 
 @pytest.mark.parametrize(
@@ -429,55 +378,42 @@ def test_a_checker_without_the_recorded_body_is_noted_in_the_certificate(
         (lambda r: r.update(obstacles=[1]), "1"),
     ],
 )
-def test_a_record_that_makes_no_sense_is_refused(
-    tmp_path: Path, motion: pp.Trajectory, certificate: pp.Certificate, change: Any, named: str
-) -> None:
-    file = tmp_path / "motion.json"
-    motion.save(file, certificate=certificate)
-    data = json.loads(file.read_text())
+def test_a_record_that_makes_no_sense_is_refused(tmp_path, saved, change, named):
+    data = json.loads(saved.read_text())
     change(data["pinproof"]["certified"][0])
-    file.write_text(json.dumps(data))
+    (tmp_path / "motion.json").write_text(json.dumps(data))
     with pytest.raises(TrajectoryError, match="certified") as caught:
-        pp.Trajectory.load(file)
+        Trajectory.load(tmp_path / "motion.json")
     assert named in str(caught.value)
 
 
-def test_records_must_be_a_list(tmp_path: Path, motion: pp.Trajectory) -> None:
-    file = tmp_path / "motion.json"
-    motion.save(file)
-    assert "certified" not in json.loads(file.read_text())["pinproof"]
-    data = json.loads(file.read_text())
+def test_records_must_be_a_list(tmp_path, motion):
+    motion.save(tmp_path / "motion.json")
+    data = json.loads((tmp_path / "motion.json").read_text())
+    assert "certified" not in data["pinproof"]
     data["pinproof"]["certified"] = {"status": "FREE"}
-    file.write_text(json.dumps(data))
+    (tmp_path / "motion.json").write_text(json.dumps(data))
     with pytest.raises(TrajectoryError, match="certified"):
-        pp.Trajectory.load(file)
+        Trajectory.load(tmp_path / "motion.json")
 
 
-def test_each_difference_from_the_recorded_certification_is_noted(tmp_path: Path, arm: pp.Arm, motion) -> None:
+def test_each_difference_from_the_recorded_certification_is_noted(tmp_path, arm, motion):
     """The same setup has no such note; one of a smaller margin, without a constraint, or with other bodies has."""
-    ball = pp.Obstacle("ball", pp.Sphere(radius=0.02), pp.pose((0, 0, 0.1)))
-    scene = pp.Scene([pp.Obstacle("post", pp.Sphere(radius=0.02), pp.pose((0, 0, 5)))])
-    checker = pp.CollisionChecker(arm, scene, attached=[ball], margin=0.002)
+    checker = pp.CollisionChecker(arm, SCENE, attached=[BALL], margin=0.002)
     tilt = pp.Upright.keeping(arm, motion.start, tolerance=1.0)
     motion.save(tmp_path / "motion.json", certificate=pp.certify(motion, checker, constraints=[tilt]))
-    found = pp.Trajectory.load(tmp_path / "motion.json")
-
-    def notes(other: pp.CollisionChecker, constraints=(tilt,), curve=found) -> list[str]:
-        certificate = pp.certify(curve, other, constraints=constraints)
-        return [note for note in certificate.notes if note.startswith("the file of the motion")]
-
-    assert notes(checker) == []
-    assert notes(checker.with_margin(0.003)) == []
-    (smaller,) = notes(checker.with_margin(0.001))
-    assert "margin of 2 mm" in smaller
-    (lost,) = notes(checker, constraints=())
-    assert "Upright" in lost
-    (another,) = notes(checker.with_scene(scene.move("post", pp.pose((0, 0, 4)))))
-    assert "another scene" in another
-    (moved,) = notes(
-        pp.CollisionChecker(arm, scene, attached=[replace(ball, pose=pp.pose((0, 0, 0.101)))], margin=0.002)
-    )
-    assert "ball" in moved
-    (empty,) = notes(checker.with_scene(pp.Scene()))
-    assert "post" in empty
-    assert notes(pp.CollisionChecker(arm, scene, margin=0.002))[0].count("ball") == 1
+    found, moved = Trajectory.load(tmp_path / "motion.json"), replace(BALL, pose=pp.pose((0, 0, 0.101)))
+    for other, constraints, expected in (
+        (checker, [tilt], []),
+        (checker.with_margin(0.003), [tilt], []),
+        (checker.with_margin(0.001), [tilt], ["margin of 2 mm"]),
+        (checker, [], ["Upright"]),
+        (checker.with_scene(SCENE.move("post", pp.pose((0, 0, 4)))), [tilt], ["another scene"]),
+        (pp.CollisionChecker(arm, SCENE, attached=[moved], margin=0.002), [tilt], ["ball"]),
+        (checker.with_scene(pp.Scene()), [tilt], ["post"]),
+        (pp.CollisionChecker(arm, SCENE, margin=0.002), [tilt], ["ball"]),
+    ):
+        certificate = pp.certify(found, other, constraints=constraints)
+        notes = [note for note in certificate.notes if note.startswith("the file of the motion")]
+        assert len(notes) == len(expected)
+        assert all(note.count(words) == 1 for note, words in zip(notes, expected, strict=True))

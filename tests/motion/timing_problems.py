@@ -94,7 +94,7 @@ def distance_to_polyline(points, q):
 
 def assert_on_path(trajectory, path, tolerance):
     fine = path(np.linspace(*path.domain, 3000))
-    samples = trajectory(np.linspace(0, trajectory.duration, 300))
+    samples = trajectory(np.linspace(0, trajectory.duration, 120))
     chord = np.abs(np.diff(fine, n=2, axis=0)).max()  # how far the fine polyline itself is from the path
     # the tolerance is one a joint; the nearest point in the Euclidean sense may be off by sqrt(n) of it in one
     assert distance_to_polyline(samples, fine).max() <= tolerance * np.sqrt(len(path.joint_names)) + chord

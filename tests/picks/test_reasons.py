@@ -11,10 +11,9 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup, PickStatus, Stage, Suggestion
-from pinproof.picks.judging import refute
+from pinproof.picks.judging import grasp
 from pinproof.picks.judging.configurations import along_families, configurations
-from pinproof.picks.judging.grasp import every_branch_is_known
-from pinproof.picks.judging.refute import prove_blocked
+from pinproof.picks.judging.grasp import every_branch_is_known, prove_blocked
 from pinproof.picks.judging.task import PickTask
 
 DOWN = (np.pi, 0, 0)
@@ -234,8 +233,8 @@ def test_every_pair_in_contact_at_the_examined_configurations_is_given_to_the_pr
     checker = pp.CollisionChecker(arm, pp.Scene([wall]))
     q = along_families(arm, np.array([target.homogeneous]), arm.home)[1]
     q = q[~checker.is_free_batch(q)][:: len(q) // count][:count]
-    given, prove = [], refute.prove_unreachable
-    monkeypatch.setattr(refute, "prove_unreachable", lambda *a, **k: given.extend(k["overlaps"]) or prove(*a, **k))
+    given, prove = [], grasp.prove_unreachable
+    monkeypatch.setattr(grasp, "prove_unreachable", lambda *a, **k: given.extend(k["overlaps"]) or prove(*a, **k))
     proof = prove_blocked(checker, target, q)
     meshes = pp.CollisionChecker(arm, pp.Scene([wall]), link_meshes="mesh")
     touching = {frozenset(contact.bodies) for each in q for contact in meshes.check(each).contacts}
@@ -251,10 +250,10 @@ def test_bodies_are_placed_on_the_link_that_carries_them(name) -> None:
     """Links of the chain, and bodies on them, have at any configuration the pose of forward kinematics."""
     arm = pp.load_robot(name).arm()
     checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("box", pp.Box(0.1, 0.2, 0.3), pp.pose((0.5, 0.1, 0.2)))]))
-    rest = refute._chain_at(arm, arm.home)
+    rest = grasp._chain_at(arm, arm.home)
     rng, moved = np.random.default_rng(0), 0
     for body in checker.bodies:
-        found = refute._carrier(arm, rest, body)
+        found = grasp._carrier(arm, rest, body)
         if found is None:
             continue
         number, link_from_body = found
@@ -262,7 +261,7 @@ def test_bodies_are_placed_on_the_link_that_carries_them(name) -> None:
         for q in rng.uniform(*arm.limits.sampling_range(), (3, arm.dof)):
             base_from_link = arm.root_from_base.inverse() if body.link is None else arm.frame_placement(q, body.link)
             np.testing.assert_allclose(
-                refute._chain_at(arm, q)[number] @ link_from_body,
+                grasp._chain_at(arm, q)[number] @ link_from_body,
                 (base_from_link * body.link_from_body).homogeneous,
                 atol=1e-9,
             )

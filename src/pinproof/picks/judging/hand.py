@@ -35,7 +35,7 @@ from pinproof.collision import (
     certify,
     penetration,
 )
-from pinproof.description import LinkGeometry, moved_by, resolved
+from pinproof.description import moved_by, resolved
 from pinproof.model import Arm
 from pinproof.motion import BezierCurve, Curve, split
 from pinproof.picks.input.picks import Picks
@@ -66,20 +66,10 @@ FACE = "the face of the cup"
 
 @dataclass(frozen=True, eq=False)
 class HandBody:
-    """A body that does not move relative to the tcp.
+    """A link or attached body that does not move relative to the tcp; certificates need it as the obstacle ``solid``.
 
-    Parameters
-    ----------
-    name
-        Its link or attached body.
-    surface, tcp_from_body
-        Its surface and its pose.
-    solid
-        The same as an obstacle with a pose in the tcp frame, for certificates.
-    limit
-        Metres: how deep it may be in the part.
-    axis
-        (3,) for the face of a cup: the only direction, in the tcp frame, in which the depth is measured.
+    It may be in the part by ``limit`` (m). For the face of a cup, ``axis`` (3,) is the only direction, in the tcp
+    frame, in which the depth is measured.
     """
 
     name: str
@@ -92,22 +82,11 @@ class HandBody:
 
 @dataclass(frozen=True)
 class BodyDepth:
-    """How deep a body of the hand is in the part.
+    """How deep a body of the hand is in the part, in metres.
 
-    Parameters
-    ----------
-    body
-        The link or attached body.
-    depth
-        Metres: an upper bound of the length of the shortest displacement after which it is outside of the part.
-    limit
-        Metres: the largest allowed depth.
-    least
-        Metres: a lower bound of the depth.
-    displacement
-        (3,) metres in the tcp frame: a displacement of the length ``limit`` or zero that leaves the largest clearance.
-    clearance
-        Metres between the displaced body and the part.
+    ``depth`` is an upper bound of the length of the shortest displacement after which it is outside of the part, and
+    ``least`` a lower bound. The ``displacement`` (3,) in the tcp frame has the length ``limit`` or zero, and leaves the
+    largest ``clearance`` of the displaced body from the part.
     """
 
     body: str
@@ -150,7 +129,11 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
         rigid = moved_by(urdf, geometry.link, joints) == moved_by(urdf, arm.tcp, joints)
         if geometry.link in palm and rigid:
             at = tcp.actInv(arm.frame_placement(home, geometry.link)) * SE3(np.array(geometry.origin))
-            solids.append((geometry.link, Obstacle(f"{geometry.name} of the hand", _shape(geometry), at)))
+            if geometry.mesh is None:
+                shape: Shape = KINDS[geometry.kind](*geometry.size)
+            else:  # a mesh is the solid that it is
+                shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size)  # type: ignore[arg-type]  # three
+            solids.append((geometry.link, Obstacle(f"{geometry.name} of the hand", shape, at)))
     # A body that is the lip of the cup yields as far as the cup
     for name, solid in solids:
         surface, limit = LineSurface.of_obstacle(solid), depth
@@ -167,18 +150,10 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
     return tuple(found)
 
 
-def _shape(geometry: LinkGeometry) -> Shape:
-    """The shape of a link's geometry, a mesh as the solid that it is."""
-    if geometry.mesh is None:
-        return KINDS[geometry.kind](*geometry.size)
-    return Mesh(resolved(geometry.mesh, geometry.link), geometry.size)  # type: ignore[arg-type]  # three
-
-
 def depth_of(body: HandBody, part: HeldPart, directions: Array) -> BodyDepth:
     """How deep a body is in the part; ``directions`` (K, 3) in the tcp frame are tried first to move it out."""
-    if body.axis is not None:
-        return _depth(body.name, body.surface, body.tcp_from_body, body.limit, part, body.axis[None], only=True)
-    return _depth(body.name, body.surface, body.tcp_from_body, body.limit, part, directions)
+    only, ways = body.axis is not None, directions if body.axis is None else body.axis[None]
+    return _depth(body.name, body.surface, body.tcp_from_body, body.limit, part, ways, only=only)
 
 
 def _depth(

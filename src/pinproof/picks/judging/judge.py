@@ -53,12 +53,14 @@ from pinproof.picks.judging.grasp import (
     every_branch_is_known,
     reach,
     reach_between,
+    reasons_against_every_branch,
+    reasons_at_release,
+    reasons_by_contact,
     score_parts,
     screen,
 )
 from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
 from pinproof.picks.judging.place import Placer, Placing, Scores
-from pinproof.picks.judging.refute import reasons_against_every_branch, reasons_at_release, reasons_by_contact
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import time_motion

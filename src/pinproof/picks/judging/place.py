@@ -278,7 +278,7 @@ def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) 
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
     # The retreat of the empty hand
     leave = line(Stage.PLACE, task, free_hand, q, place.after(release), place.retreat, start="the release")
-    leave = passing(leave, task.passing_off(member), q)
+    leave = passing(leave, task.passing(member, placed=True), q)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, LineSurface, Obstacle, Upright, directions_to_facets, point_distance
 from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm, Payload
+from pinproof.model import Arm
 from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, family, support_names
 from pinproof.picks.input.picks import Picks, root_from_frame
@@ -59,15 +59,16 @@ class PickCell:
     weights: PickWeights = field(default_factory=PickWeights)
     budget: PickBudget = field(default_factory=PickBudget)
     trial: Stage | None = None
+    grips: dict[Hashable, GripResult] = field(default_factory=dict, init=False, repr=False)
+    """The first :data:`GRIPS_KEPT` different grips that were judged."""
+    depths: dict[Hashable, tuple[BodyDepth, ...]] = field(default_factory=dict, init=False, repr=False)
+    """The depths of the bodies of the hand of the first :data:`GRIPS_KEPT` different grips."""
+    _trials: dict[Stage, PickCell] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def arm(self) -> Arm:
         """The arm."""
         return self.checker.arm
-
-    @cached_property
-    def _trials(self) -> dict[Stage, PickCell]:
-        return {}
 
     def for_trials(self, failed: Stage) -> PickCell:
         """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
@@ -75,16 +76,6 @@ class PickCell:
             budget = replace(self.budget, compared=1, remedies=0, motion=0)
             self._trials[failed] = replace(self, budget=budget, trial=failed)
         return self._trials[failed]
-
-    @cached_property
-    def grips(self) -> dict[Hashable, GripResult]:
-        """The first :data:`GRIPS_KEPT` different grips that were judged."""
-        return {}
-
-    @cached_property
-    def depths(self) -> dict[Hashable, tuple[BodyDepth, ...]]:
-        """The depths of the bodies of the hand of the first :data:`GRIPS_KEPT` different grips."""
-        return {}
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:
@@ -105,15 +96,10 @@ class PickCell:
         return fingers_of(self.arm, self.shared.fingers, self.shared.grip)
 
     @cached_property
-    def palm(self) -> tuple[str, ...]:
-        """The names of the bodies and links of the hand that do not move while it closes."""
-        moving = {finger.name for finger in self.fingers}
-        return tuple(name for name in self.hand if name not in moving)
-
-    @cached_property
     def palm_bodies(self) -> tuple[HandBody, ...]:
-        """The bodies of the palm that are rigidly connected to the tcp, and the face of a suction cup."""
-        return hand_bodies(self.arm, self.shared, self.palm)
+        """The bodies of the hand that no joint moves relative to the tcp, and the face of a suction cup."""
+        moving = {finger.name for finger in self.fingers}
+        return hand_bodies(self.arm, self.shared, [name for name in self.hand if name not in moving])
 
     @cached_property
     def closing_hand(self) -> CollisionChecker:
@@ -194,6 +180,8 @@ class PickTask:
 
     def __init__(self, pick: Pick, cell: PickCell) -> None:
         self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
+        self.outside = cell.checker
+        """The checker before the grasp, without an object that the pick states itself."""
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
         self._stated_pose, self._stated_frame = pick.pose, pick.frame
         # The object and the supports exist under their names
@@ -267,11 +255,6 @@ class PickTask:
 
     # -- checkers -----------------------------------------------------------------------------------------------------
 
-    @property
-    def outside(self) -> CollisionChecker:
-        """The checker before the grasp, without an object that the pick states itself."""
-        return self.cell.checker
-
     @once_per_grasp
     def before(self, member: Member) -> CollisionChecker:
         """The checker before the grasp; an object that the pick states itself is where it will be grasped.
@@ -294,12 +277,20 @@ class PickTask:
         return self._allowing_hand(self.outside) if self.from_scene else self.outside
 
     @once_per_grasp
-    def passing(self, member: Member) -> OpenHand | None:
-        """The open hand against the object alone, which it may touch on the approach; None without an object.
+    def passing(self, member: Member, *, placed: bool = False) -> OpenHand | None:
+        """The open hand against the object alone, before the grasp or ``placed``; None without an object or a hand.
 
-        :attr:`at_grasp` allows any contact of the hand with the object.
+        It may touch the object on the lines, where :attr:`at_grasp` and :meth:`letting_go` allow any contact.
         """
-        return None if self.name is None else self._passing(member, self.before(member).scene[self.name])
+        palm, hand = self.cell.palm_bodies, self.cell.hand
+        if self.name is None or not (palm or hand):
+            return None
+        part = (self.letting_go(member) if placed else self.before(member)).scene[self.name]
+        depths = self.depths(member)
+        key = matrix(part.pose).tobytes(), tuple(depth.displacement for depth in depths[: len(palm)])
+        if key not in self._open_hands:  # rotations about the approach often have the same displacements
+            self._open_hands[key] = OpenHand(self.outside, part, self._surface, palm, depths, hand)
+        return self._open_hands[key]
 
     @cached_property
     def closing(self) -> CollisionChecker:
@@ -373,28 +364,30 @@ class PickTask:
         """A hint on the frame of the pick, if its grasp is implausibly far from an object of the scene; else empty."""
         if not self.from_scene:
             return ""
+
+        def distance_in(frame: str) -> float:
+            """Distance (m) from the tip to the surface of the object, with the pose stated in a frame."""
+            tip = self._in_root(self._stated_pose, frame).translation
+            return point_distance(self._surface, self.scene[str(self.name)].pose.actInv(tip))
+
+        def described(frame: str) -> str:
+            return f"frame {frame!r}" if frame else "the root frame"
+
         # A grasp far from the object is probably stated in another frame
-        nominal = Member(SE3.Identity())
-        distance = self._tip_distance(self.pick.pose)
+        stated = self._stated_frame
+        distance = distance_in(stated)
         if self.cell.fingers:
-            contacts = self.grip(nominal).contacts
+            contacts = self.grip(Member(SE3.Identity())).contacts
             distance = min([distance, *(min(each.open_distance, each.closed_distance) for each in contacts)])
         if distance <= FAR_GRASP:
             return ""
-        words = (
-            f"the grasp is {distance:.3g} m from {self.name}; its pose is stated in {_frame_words(self._stated_frame)}"
-        )
+        words = f"the grasp is {distance:.3g} m from {self.name}; its pose is stated in {described(stated)}"
         # Would the same numbers in another frame be a grasp of the object?
-        others = {str(self.name), "", *self.cell.shared.frames} - {self._stated_frame}
-        closest = min(others, key=lambda frame: self._tip_distance(self._in_root(self._stated_pose, frame)))
-        moved_to = self._tip_distance(self._in_root(self._stated_pose, closest))
-        if moved_to > FAR_GRASP:
+        others = {frame: distance_in(frame) for frame in {str(self.name), "", *self.cell.shared.frames} - {stated}}
+        closest = min(others, key=lambda frame: others[frame])
+        if others[closest] > FAR_GRASP:
             return f"{words}; check its frame"
-        return f"{words}, but in {_frame_words(closest)} it would be {max(moved_to, 0.0) * 1e3:.0f} mm from it"
-
-    def _tip_distance(self, root_from_tip: SE3) -> float:
-        """Distance (m) from the tip to the surface of an object of the scene."""
-        return point_distance(self._surface, self.scene[str(self.name)].pose.actInv(root_from_tip.translation))
+        return f"{words}, but in {described(closest)} it would be {max(others[closest], 0.0) * 1e3:.0f} mm from it"
 
     @cached_property
     def _surface(self) -> LineSurface:
@@ -433,11 +426,6 @@ class PickTask:
         return self._allowing_hand(self.outside.with_scene(others.add(placed)))
 
     @once_per_grasp
-    def passing_off(self, member: Member) -> OpenHand | None:
-        """The same as :meth:`passing` for the object at its place."""
-        return self._passing(member, self.letting_go(member).scene[str(self.name)])
-
-    @once_per_grasp
     def opening(self, member: Member) -> CollisionChecker:
         """The checker while the fingers open at the place."""
         return self._allowing_hand(self.cell.closing_hand.with_scene(self.letting_go(member).scene))
@@ -473,27 +461,12 @@ class PickTask:
         there = checker.obstacles_and_links
         return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 
-    def _passing(self, member: Member, part: Obstacle) -> OpenHand | None:
-        """The open hand against the object alone; None without any body of the hand."""
-        palm, hand = self.cell.palm_bodies, self.cell.hand
-        if not palm and not hand:
-            return None
-        depths = self.depths(member)
-        key = matrix(part.pose).tobytes(), tuple(depth.displacement for depth in depths[: len(palm)])
-        if key not in self._open_hands:  # rotations about the approach often have the same displacements
-            self._open_hands[key] = OpenHand(self.outside, part, self._surface, palm, depths, hand)
-        return self._open_hands[key]
-
     def _in_root(self, pose: SE3, frame: str) -> SE3:
         return self.root_from(frame) * pose if frame else pose
 
     def root_from(self, frame: str) -> SE3:
         """``root_from_frame`` of a frame in which a pick or a place is stated."""
         return root_from_frame(frame, self.cell.shared.frames, self.scene, self.arm)
-
-
-def _frame_words(frame: str) -> str:
-    return f"frame {frame!r}" if frame else "the root frame"
 
 
 CARRYING = ("retreat", "transfer", "place")
@@ -519,17 +492,14 @@ def torque_limits_of_tool(arm: Arm, shared: Picks) -> TorqueLimits | None:
         raise InputError(f"the picks limit torques: {error}") from error
 
 
-def carries(task: PickTask, member: Member, part: str) -> tuple[Payload, ...]:
-    """The payloads during a part of the motion, the object in the frame of the tcp."""
-    shared, payload = task.cell.shared.payload, task.pick.payload
-    if payload is None or part not in CARRYING:
-        return shared
-    return (*shared, payload.placed(task.holding(member).pose))
-
-
 def torque_limits(task: PickTask, member: Member, part: str, arm: Arm) -> TorqueLimits | None:
     """The limits of torque during a part of the motion; None if torque is not limited."""
-    return TorqueLimits(arm, carries(task, member, part)) if limits_torque(task.cell.shared, task.pick) else None
+    shared, pick = task.cell.shared, task.pick
+    if not limits_torque(shared, pick):
+        return None
+    # The object is carried in the frame of the tcp
+    carried = () if pick.payload is None or part not in CARRYING else (pick.payload.placed(task.holding(member).pose),)
+    return TorqueLimits(arm, (*shared.payload, *carried))
 
 
 def rate_limits(task: PickTask, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
@@ -543,14 +513,13 @@ def rate_limits(task: PickTask, member: Member, part: str, checker: CollisionChe
 
 def at_rest(task: PickTask, members: Sequence[Member], q: Array) -> list[str]:
     """Why the arm cannot hold the object at rest at each configuration of the grasp (k, n); empty texts if it can."""
-    if not limits_torque(task.cell.shared, task.pick):
-        return [""] * len(q)
-    limits: dict[str, TorqueLimits] = {}
+    limits: dict[str, TorqueLimits | None] = {}
     reasons = []
     for member, each in zip(members, q, strict=True):
         if member.words not in limits:
-            limits[member.words] = TorqueLimits(task.arm, carries(task, member, "retreat"))
-        reasons.append(limits[member.words].standstill(each))
+            limits[member.words] = torque_limits(task, member, "retreat", task.arm)
+        limit = limits[member.words]
+        reasons.append("" if limit is None else limit.standstill(each))
     return reasons
 
 

@@ -447,7 +447,7 @@ def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), part
     if name == "approach":
         return MotionPart(name, curves, task.approaching(member), passing=task.passing(member))
     if name == "leave":
-        return MotionPart(name, curves, task.letting_go(member), passing=task.passing_off(member))
+        return MotionPart(name, curves, task.letting_go(member), passing=task.passing(member, placed=True))
     carrying, kept = task.carrying(member), task.constraints(member)
     return MotionPart(name, curves, carrying, parting, backwards=name == "place", constraints=kept)
 

@@ -258,9 +258,6 @@ ROWS, TIMINGS = "rows.jsonl", "timings.jsonl"
 
 SCHEMA = "pinproof/campaign/2"
 
-CRASHED = "crashed"
-"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
-
 RETRY = "retry"
 """The key that marks rows whose picks the next run judges again, because a worker died or had no memory."""
 
@@ -301,20 +298,18 @@ class RowTask:
 
     def __call__(self, start: int, part: Iterable[Pick | PickProblem]) -> list[bytes]:
         """The rows of consecutive picks, the first of which has the index ``start``."""
-        return [self._line(index, item) for index, item in enumerate(part, start)]
+        lines = []
+        for index, item in enumerate(part, start):
+            try:
+                row = problem_row(item) if isinstance(item, PickProblem) else self.judge(self.setup, index, item)
+                lines.append(to_line({"index": index, **{name: row[name] for name in row if name != "index"}}))
+            except Exception as error:  # noqa: BLE001  # one failed pick must not stop the others
+                reason = f"the judge failed: {type(error).__name__}: {error}"
+                lines.append(crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError)))
+        return lines
 
     def __reduce__(self) -> tuple[Callable[[str, bytes], RowTask], tuple[str, bytes]]:
         return _unpacked, (code_here(), pickle.dumps((self.setup, self.judge), protocol=pickle.HIGHEST_PROTOCOL))
-
-    def _line(self, index: int, item: Pick | PickProblem) -> bytes:
-        if isinstance(item, PickProblem):
-            return to_line({"index": index, **problem_row(item)})
-        try:
-            row = self.judge(self.setup, index, item)
-            return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
-        except Exception as error:  # noqa: BLE001  # one failed pick must not stop the others
-            reason = f"the judge failed: {type(error).__name__}: {error}"
-            return crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError))
 
 
 def _unpacked(code: str, packed: bytes) -> RowTask:
@@ -328,7 +323,7 @@ def _unpacked(code: str, packed: bytes) -> RowTask:
 
 def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
     """The row of a pick that could not be judged; if ``retry``, the next run of the campaign judges it again."""
-    row = {"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason}
+    row = {"index": index, "name": name, "verdict": PickStatus.CRASHED.value, "failed_at": None, "reason": reason}
     return to_line({**row, RETRY: True} if retry else row)
 
 
@@ -496,7 +491,7 @@ class CampaignResult(Shown, Written):
 
 def _is_to_retry(row: Mapping[str, Any]) -> bool:
     """Whether the next run judges the pick of a row again."""
-    return row.get("verdict") == CRASHED and row.get(RETRY) is True
+    return row.get("verdict") == PickStatus.CRASHED.value and row.get(RETRY) is True
 
 
 def _read_header(path: Path) -> dict[str, Any]:

@@ -6,12 +6,12 @@ grasps of its family are screened group by group, in its named frame, and the ha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto
 from functools import lru_cache, partial
-from itertools import groupby
+from itertools import chain, groupby
 from typing import TypeVar
 
 import numpy as np
@@ -232,21 +232,24 @@ def code_of(status: ScreenStatus) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ScreenedPoses:
-    """The screening results of N poses: ``codes`` (N,) are indices into :data:`CODES`.
+    """The screening results of N poses or picks: ``codes`` (N,) are indices into :data:`CODES`.
 
     ``q`` (N, n) is the best free configuration found, otherwise one in contact; NaN if none was found. Manipulability
     and clearance (m) (N,) are those of free poses, otherwise NaN; the clearance also if it was not requested.
+    ``member`` (N,) is the index of the best grasp of a pick in its family.
     """
 
     codes: npt.NDArray[np.int8]
     q: Array
     manipulability: Array
     clearance: Array
+    member: Indices
 
     @classmethod
     def nothing(cls, count: int, dof: int) -> ScreenedPoses:
         """Initial results of ``count`` poses, with the lowest status and NaN."""
-        return cls(np.zeros(count, dtype=np.int8), np.full((count, dof), np.nan), *np.full((2, count), np.nan))
+        codes, member = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=np.int64)
+        return cls(codes, np.full((count, dof), np.nan), np.full(count, np.nan), np.full(count, np.nan), member)
 
     @classmethod
     def joined(cls, parts: Sequence[ScreenedPoses]) -> ScreenedPoses:
@@ -326,7 +329,7 @@ class Screening:
         clearance = np.full(count, np.nan)
         if self._clearance and free.any():
             clearance[free] = self._checker.clearance_batch(q[free])
-        return ScreenedPoses(codes.astype(np.int8), q, volume, clearance)
+        return ScreenedPoses(codes.astype(np.int8), q, volume, clearance, np.zeros(count, dtype=np.int64))
 
     def _judge(self, row: Indices, q: Array, reached: Mask, free: Mask, own: Mask, kept: Array, volume: Array) -> None:
         """Check configurations q (k, n) of the poses ``row`` (k,), ascending, and update the results of all poses.
@@ -475,25 +478,6 @@ class ScreenResult(Saved):
 CONTACT, FREE = code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.FREE)
 
 
-@dataclass(frozen=True, eq=False)
-class ScreenedPicks:
-    """The screening results of some picks: their names, and the result and family index of the best grasp of each."""
-
-    names: tuple[str, ...]
-    screened: ScreenedPoses
-    member: Indices
-
-    @classmethod
-    def joined(cls, parts: Sequence[ScreenedPicks], dof: int) -> ScreenedPicks:
-        """The concatenation of any number of parts."""
-        some = [cls((), ScreenedPoses.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
-        return cls(
-            tuple(name for part in some for name in part.names),
-            ScreenedPoses.joined([part.screened for part in some]),
-            np.concatenate([part.member for part in some]),
-        )
-
-
 @dataclass(eq=False)
 class _Open:
     """A pick with the grasps that are not screened yet, in groups, and the object that the hand may touch."""
@@ -526,28 +510,35 @@ class GraspScreening:
         """Screen poses ``root_from_tip`` (N, 4, 4)."""
         return self._screening.screen(self._targets(poses))
 
-    def picks(self, part: Iterable[Pick | PickProblem]) -> ScreenedPicks:
+    def picks(self, items: Sequence[Pick | PickProblem]) -> ScreenedPoses:
         """Screen picks; the grasps of a family are checked group by group until one is free."""
-        items = list(part)
-        best, member = ScreenedPoses.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
+        best = ScreenedPoses.nothing(len(items), self._cell.arm.dof)
         left = list(self._readable(items))
         while left:
             # The next group of grasps of every pick that is still open, in one call
             sizes = np.array([len(each.groups[0]) for each in left])
             owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
-            poses = np.concatenate([each.pose @ each.groups[0] for each in left])
-            screened = self._screen_poses(poses, [each.object for each in left], owner)
+            targets = self._targets(np.concatenate([each.pose @ each.groups[0] for each in left]))
+            screened = self._screening.screen(targets)
+            # Contact of the hand with the object is first not allowed, which needs no additional checker: a pose that
+            # is free then is also free with the contact allowed
+            again = [(left[owner[k]].object, int(k)) for k in np.flatnonzero(screened.codes == CONTACT)]
+            with_object = sorted((name, k) for name, k in again if name is not None)
+            for name, group in groupby(with_object, key=lambda each: each[0]):
+                rows = np.array([k for _, k in group])
+                allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
+                screened.put(rows, allowed.screen(targets[rows]), np.arange(len(rows)))
             # The best grasp of each pick replaces that of earlier groups if its status is better
             order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
             top, index = order[starts], np.array([each.index for each in left])
             better = screened.codes[top] > best.codes[index]
-            done = np.array([each.done for each in left])
-            member[index[better]] = (done + top - starts)[better]
             best.put(index[better], screened, top[better])
+            done = np.array([each.done for each in left])
+            best.member[index[better]] = (done + top - starts)[better]
             for each in left:
                 each.done += len(each.groups.pop(0))
             left = [each for each in left if best.codes[each.index] != FREE and each.groups]
-        return ScreenedPicks(tuple(item.name for item in items), best, member)
+        return best
 
     def _targets(self, poses: Array) -> Array:
         return np.ascontiguousarray(self._before @ poses @ self._after)
@@ -566,22 +557,6 @@ class GraspScreening:
             # without a spin the axis does not matter, and a fixed one finds the grasps in the cache
             axis = pick.approach_direction if pick.spin.angles == (0.0,) else tuple(pick.axis_in(pick.pose).tolist())
             yield _Open(index, matrix(pick.pose), list(_groups(pick.spin, pick.tolerance, axis)), taken)
-
-    def _screen_poses(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> ScreenedPoses:
-        """Screen poses of the picks ``owner`` (N,), where the hand may touch the object of its pick.
-
-        Contact with the object is first not allowed, which needs no additional checker: a pose that is free then is
-        also free with the contact allowed.
-        """
-        targets = self._targets(poses)
-        screened = self._screening.screen(targets)
-        again = [(objects[owner[k]], int(k)) for k in np.flatnonzero(screened.codes == CONTACT)]
-        with_object = sorted((name, k) for name, k in again if name is not None)
-        for name, group in groupby(with_object, key=lambda each: each[0]):
-            rows = np.array([k for _, k in group])
-            allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
-            screened.put(rows, allowed.screen(targets[rows]), np.arange(len(rows)))
-        return screened
 
 
 @lru_cache(maxsize=64)
@@ -662,24 +637,25 @@ def screen_picks(
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
     cell = PickCell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
-    total = len(source)
 
-    def share(start: int, stop: int) -> ScreenedPicks:
+    def share(start: int, stop: int) -> tuple[Sequence[str], ScreenedPoses]:
         if isinstance(source, _Poses):
-            return ScreenedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
-        return screening.picks(source.part(start, stop))
+            return source.names[start:stop], screening.poses(source.poses[start:stop])
+        items = list(source.part(start, stop))
+        return [item.name for item in items], screening.picks(items)
 
     # All picks in chunks, and figures of those that are free
-    found = ScreenedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
-    screened, free = found.screened, found.screened.codes == FREE
+    parts = in_chunks(share, len(source), threads, progress)
+    screened = ScreenedPoses.joined([ScreenedPoses.nothing(0, arm.dof), *(part for _, part in parts)])
+    free = screened.codes == FREE
     margins = np.full(len(free), np.nan)
     margins[free] = limit_margin(arm, screened.q[free])
     return ScreenResult(
-        source.names if isinstance(source, _Poses) else found.names,
+        tuple(chain.from_iterable(names for names, _ in parts)),
         arm.joint_names,
         screened.codes,
         screened.q,
-        found.member,
+        screened.member,
         margins,
         screened.manipulability,
         screened.clearance,

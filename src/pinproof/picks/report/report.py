@@ -135,8 +135,19 @@ class PickReport(Saved, Written):
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
-        cells = map(_cells, (*(verdict.to_dict() for verdict in self.verdicts), *map(problem_row, self.problems)))
-        return csv_text(CSV_COLUMNS, ([row.get(column) for column in CSV_COLUMNS] for row in cells))
+        table = []
+        for row in (*(verdict.to_dict() for verdict in self.verdicts), *map(problem_row, self.problems)):
+            score = row.get("score", {})
+            cells = {
+                **row,
+                **dict(zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)),
+                **{name if name == "score" else f"{name}_part": value for name, value in score.items()},
+                "score": score.get("score"),
+                "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
+                "refuted": "\n".join(row.get("refuted", ())),
+            }
+            table.append([cells.get(column) for column in CSV_COLUMNS])
+        return csv_text(CSV_COLUMNS, table)
 
     def save(
         self,
@@ -298,16 +309,3 @@ def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path) -> list
 
 REPORT_SUFFIXES = PickReport.formats
 """The suffixes of all formats; ``.html`` is the page with a 3D view."""
-
-
-def _cells(row: dict[str, Any]) -> dict[str, Any]:
-    """The values of a row by column."""
-    score = {name if name == "score" else f"{name}_part": value for name, value in row.get("score", {}).items()}
-    return {
-        **row,
-        **dict(zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)),
-        "score": None,
-        **score,
-        "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
-        "refuted": "\n".join(row.get("refuted", ())),
-    }

@@ -577,6 +577,15 @@ def reach_map(
         figures[rows] = np.column_stack([screened.manipulability, screened.clearance])
 
     in_chunks(share, total, threads, progress)
+    # The title states the robot, tool and scene
+    words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene)} obstacles"]
+    words += [f"with {', '.join(body.name for body in checker.attached)}"] if checker.attached else []
+    for name, stated, text in (
+        ("tip", tip, "tip {} m from the tcp"),
+        ("world_from_root", world_from_root, "the robot at {} m"),
+    ):
+        if stated is not None and (offset := rigid(name, stated).translation).any():
+            words.append(text.format(f"({', '.join(f'{value:.3g}' for value in offset)})"))
     shape = points, m
     return ReachMap(
         region,
@@ -586,24 +595,8 @@ def reach_map(
         figures[:, 0].reshape(shape),
         figures[:, 1].reshape(shape),
         screening.complete,
-        _title(checker, tip, world_from_root),
+        ", ".join(words),
     )
-
-
-def _title(checker: CollisionChecker, tip: SE3 | npt.ArrayLike | None, place: SE3 | npt.ArrayLike | None) -> str:
-    """The robot, tool and scene, as text."""
-    arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
-    words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene)} obstacles"]
-    words += [f"with {tool}"] if tool else []
-    if tip is not None and (offset := rigid("tip", tip).translation).any():
-        words.append(f"tip {_metres(offset)} m from the tcp")
-    if place is not None and (base := rigid("world_from_root", place).translation).any():
-        words.append(f"the robot at {_metres(base)} m")
-    return ", ".join(words)
-
-
-def _metres(point: Array) -> str:
-    return f"({', '.join(f'{value:.3g}' for value in point)})"
 
 
 def _frames(orientations: npt.ArrayLike) -> Array:

@@ -184,8 +184,24 @@ def _followed(phases: _Phases, q: Array) -> Following | _BeltExcess | str:
     pieces = [part(0, 1), part(1, 2), part(3, 4), part(4, 5)]
     if (excess := _excess(phases.task, pieces, tracking)) is not None:
         return excess
-    position, turned = (0.0, 0.0) if tracking is None else _deviation(phases, tracking)
-    return Following(part(0, 2), tracking, part(3, 5), stops[2] - stops[0], position, turned)
+    # Upper bounds of the deviation from the line at constant speed, at every instant
+    deviations = 0.0, 0.0
+    if tracking is not None:
+        ends = [phases.target(phases.offset(t)[0]) for t in (0.0, tracking.duration)]
+        share = tracking.times / tracking.duration
+        path = CubicPath(tracking.q, tracking.velocities * tracking.duration, share, tracking.joint_names)
+        follower = RouteFollower(
+            arm=arm,
+            task=IkTask(),
+            deviation=1e-3,
+            rotation_deviation=1e-2,
+            translation_step=0.05,
+            rotation_step=0.2,
+            max_joint_step=0.3,
+        )
+        bounds = follower.bound(path, Route.straight(*ends)).max(axis=0)
+        deviations = float(bounds[0]), float(bounds[1])
+    return Following(part(0, 2), tracking, part(3, 5), stops[2] - stops[0], *deviations)
 
 
 def _solved(phases: _Phases, stops: Sequence[float], q: Array) -> tuple[Array, Array] | str:
@@ -221,24 +237,6 @@ def _excess(task: PickTask, pieces: Sequence[Trajectory], tracking: Trajectory |
             if exceeded := limits.violations(outside, names):
                 return _BeltExcess(f"to follow the belt: {exceeded[0]}", np.full(len(pieces), np.inf))
     return _BeltExcess(reason, longer) if reason else None
-
-
-def _deviation(phases: _Phases, tracking: Trajectory) -> tuple[float, float]:
-    """Upper bounds (m, rad) of the deviation from the line at constant speed, at every instant."""
-    ends = [phases.target(phases.offset(t)[0]) for t in (0.0, tracking.duration)]
-    share = tracking.times / tracking.duration
-    path = CubicPath(tracking.q, tracking.velocities * tracking.duration, share, tracking.joint_names)
-    follower = RouteFollower(
-        arm=phases.task.arm,
-        task=IkTask(),
-        deviation=1e-3,
-        rotation_deviation=1e-2,
-        translation_step=0.05,
-        rotation_step=0.2,
-        max_joint_step=0.3,
-    )
-    bounds = follower.bound(path, Route.straight(*ends)).max(axis=0)
-    return float(bounds[0]), float(bounds[1])
 
 
 TIME_STEP = 0.1

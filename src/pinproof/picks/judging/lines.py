@@ -141,6 +141,10 @@ def line_out(task: PickTask, candidate: GraspCandidate) -> tuple[ToolLine, Pairs
     return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
 
 
+TOUCH_DEPTH = 1e-4
+"""Largest penetration (m) of the object into an obstacle that is taken for contact: rounding of stated positions."""
+
+
 def line(
     stage: Stage,
     task: PickTask,
@@ -161,7 +165,14 @@ def line(
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
         message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"
-        message += _other_supports(stage, task, checker, q, parting) if move.fraction == 0 else ""
+        contacts = checker.allowing(*parting).check(q).contacts if move.fraction == 0 else ()
+        # If the held object only touches obstacles at the start, a key of the picks file allows that
+        touched = [name for contact in contacts for name in contact.bodies if name != task.name]
+        only_touch = all(contact.distance >= -TOUCH_DEPTH and task.name in contact.bodies for contact in contacts)
+        if touched and only_touch and all(name in checker.scene for name in touched):
+            names = ", ".join(dict.fromkeys((*(name for _, name in parting), *touched)))
+            there, key = ", ".join(dict.fromkeys(touched)), "place.support" if stage is Stage.PLACE else "support"
+            message += f"; if {task.name} may touch {there} at the start of this line, state {key}: [{names}]"
         figures = {"distance": length, "possible": move.fraction * length}
         return ToolLine(StageResult(stage, False, message, figures), fraction=move.fraction)
     leaving = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh has one for each facet
@@ -170,26 +181,6 @@ def line(
     message = f"{length * 1e3:.0f} mm straight line, {proven}"
     figures = {"distance": length, "clearance": move.certificate.clearance}
     return ToolLine(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
-
-
-TOUCH_DEPTH = 1e-4
-"""Largest penetration (m) of the object into an obstacle that is taken for contact: rounding of stated positions."""
-
-
-def _other_supports(stage: Stage, task: PickTask, checker: CollisionChecker, q: Array, supports: Pairs) -> str:
-    """The key of a picks file that allows contact, if at q (n,) the held object only touches obstacles; else ''."""
-    touched = []
-    for contact in checker.allowing(*supports).check(q).contacts:
-        others = [name for name in contact.bodies if name != task.name]
-        if len(others) != 1 or others[0] not in checker.scene or contact.distance < -TOUCH_DEPTH:
-            return ""
-        touched += others
-    if not touched:
-        return ""
-    names = ", ".join(dict.fromkeys((*(name for _, name in supports), *touched)))
-    there = ", ".join(dict.fromkeys(touched))
-    key = "place.support" if stage is Stage.PLACE else "support"
-    return f"; if {task.name} may touch {there} at the start of this line, state {key}: [{names}]"
 
 
 STRAIGHT = 2
@@ -207,31 +198,22 @@ class Crossing(NamedTuple):
 
 def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
     """A path from home to the entrance of one of the attempts."""
-    # an object that the pick states itself is elsewhere for another grasp, so each grasp is planned on its own
+    # An object that the pick states itself is elsewhere for another grasp, so each grasp is planned on its own
     groups: dict[CollisionChecker, list[Attempt]] = {}
     for attempt in attempts:
         groups.setdefault(task.before(attempt.candidate.member), []).append(attempt)
-    for checker, group in groups.items():
-        crossing = _transit(task, checker, group, nodes, seeds)
-        if crossing.attempt is not None:
-            break
-    return crossing
-
-
-def _transit(
-    task: PickTask, checker: CollisionChecker, attempts: list[Attempt], nodes: int, seeds: list[int]
-) -> Crossing:
     planner = make_planner(task.cell.budget.planner).limited_to(nodes)
-    goals = np.array([attempt.entrance for attempt in attempts])
-    torques = torque_limits(task, attempts[0].candidate.member, "transit", task.outside.arm)
-    plan = planner.plan(checker, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
-    if not plan.ok:
-        figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
-        return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
-    path, clearance = shortened(plan, checker, seeds[1], torques)
-    message = f"{path.length:.2f} rad, {len(path)} waypoints"
-    figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
-    return Crossing(StageResult(Stage.TRANSIT, True, message, figures), attempts[plan.goal], path, clearance)
+    for checker, group in groups.items():
+        goals = np.array([attempt.entrance for attempt in group])
+        torques = torque_limits(task, group[0].candidate.member, "transit", task.outside.arm)
+        plan = planner.plan(checker, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
+        if plan.ok:
+            path, clearance = shortened(plan, checker, seeds[1], torques)
+            message = f"{path.length:.2f} rad, {len(path)} waypoints"
+            figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
+            return Crossing(StageResult(Stage.TRANSIT, True, message, figures), group[plan.goal], path, clearance)
+    figures = {"nodes": float(plan.nodes), "goals": float(len(group))}
+    return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
 
 
 def shortened(

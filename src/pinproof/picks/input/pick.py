@@ -372,22 +372,16 @@ def _part_speeds(name: str, value: Any) -> Mapping[str, ToolSpeed]:
     return ReadOnlyDict(value, SPEED_READ_ONLY)
 
 
-def _part_speed(_: str, value: Any) -> ToolSpeed:
-    return value if isinstance(value, ToolSpeed) else ToolSpeed(linear_speed=value)
-
-
+_SPEED = any_of(
+    number(above=0),
+    table_of(ToolSpeed),
+    check=lambda _, value: value if isinstance(value, ToolSpeed) else ToolSpeed(linear_speed=value),
+)
 STAGE_SPEEDS = Table(
     "stage_speeds",
     "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
-    *(
-        Key(part, any_of(number(above=0), table_of(ToolSpeed), check=_part_speed), text)
-        for part, text in _PARTS.items()
-    ),
+    *(Key(part, _SPEED, text) for part, text in _PARTS.items()),
 )
-
-
-def _angle(name: str, value: Any) -> float:
-    return require_number(name, value, "rad", minimum=SMALLEST, below=np.pi / 2)
 
 
 def _angle_in(stated: Any) -> Any:
@@ -404,7 +398,7 @@ UPRIGHT = simple(
     any_of(
         number(minimum=SMALLEST, below=np.pi / 2), simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"})
     ).schema,
-    _angle,
+    lambda name, value: require_number(name, value, "rad", minimum=SMALLEST, below=np.pi / 2),
     _angle_in,
 )
 

@@ -147,10 +147,6 @@ def _robot(_: str, stated: object, path: Path) -> str:
     return str(path.parent / name) if Path(name).suffix or "/" in name else name
 
 
-def _scene(name: str, stated: object, path: Path) -> Path:
-    return path.parent / TEXT.check(name, stated)
-
-
 def _margin(name: str, value: object) -> float:
     margin = require_number(name, value, "m", minimum=0)
     warn_of_millimetres(name, [margin], most=MOST_MARGIN)
@@ -266,7 +262,9 @@ class Picks(Shown):
     scene: Path | None = key(
         "a [scene file](scene.md); by default an empty scene",
         default=None,
-        kind=Kind(TEXT.schema, lambda _, value: Path(value), _scene),
+        kind=Kind(
+            TEXT.schema, lambda _, value: Path(value), lambda name, file, path: path.parent / TEXT.check(name, file)
+        ),
     )
     home: Mapping[str, float] = key(
         "joint values, by name, where motions start; by default the robot's own",
@@ -413,10 +411,6 @@ class Picks(Shown):
             belt = replace(belt, direction=tuple((placement.rotation @ belt.direction).tolist()))
         picks = tuple(pick.transformed(placement) for pick in self.picks)
         return replace(self, picks=picks, frames=frames, conveyor=belt)
-
-    def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
-        """``base_from_tcp`` that places the tip at a pose in the root frame."""
-        return root_from_base.actInv(root_from_tip * self.tip.inverse())
 
     def home_configuration(self, joint_names: Iterable[str], default: npt.NDArray[np.float64]) -> list[float]:
         """The home configuration of the file, or ``default`` (n,) if it states none.

@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, OccupancyGrid, Scene, files_examined_once, overlap_hint
+from pinproof.collision import (
+    Certificate,
+    CertificateStatus,
+    CollisionChecker,
+    OccupancyGrid,
+    Scene,
+    files_examined_once,
+    overlap_hint,
+)
 from pinproof.common.content_hash import digest
 from pinproof.common.results import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
@@ -21,15 +29,19 @@ from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
-from pinproof.picks.judging.grasp import contact_words
+from pinproof.picks.judging.grasp import contact_words, judge_grip
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.task import PickCell, PickTask, torque_limits_of_tool
-from pinproof.picks.judging.timing import certify_displaced, recertify
+from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
 from pinproof.picks.judging.verdict import PickVerdict
-from pinproof.spatial import xyz_rpy
+from pinproof.spatial import twist_size, xyz_rpy
 
 HELD_TOLERANCE = 1e-9
 """rad or m: two values of a held joint that differ by less are considered equal."""
+
+GRASP_TOLERANCE = 1e-4
+"""m and rad: by how much the tip of a program may be away from the grasp and the release of its pick. The rounding of
+joint values in the languages of controllers, at most 1e-5 rad a joint, moves it by less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +167,49 @@ class PickSetup:
         Raises
         ------
         InputError
-            If the program is for another arm or another kind of pick.
+            If the program is for another arm, or the pick has no grasp of the program's family, no motion of a name of
+            the program, or another object.
         """
-        if program.joint_names != self.checker.arm.joint_names:
-            own = ", ".join(self.checker.arm.joint_names)
+        arm = self.checker.arm
+        if program.joint_names != arm.joint_names:
+            own = ", ".join(arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         require_positive("deviation", deviation, zero=True)
-        return recertify(PickTask(pick, self.cell), program, deviation)
+        # The grasp of the family with which the program was made
+        task = PickTask(pick, self.cell)
+        member = next((each for group in task.groups() for each in group if each.words == program.member), None)
+        if member is None:
+            raise InputError(f"pick {pick.name!r} has no grasp {program.member!r}, with which the program was made")
+        # What is wrong at the events, by the key of the certificate of the motion that ends there: the tip is not where
+        # the pick grasps or puts down, the hand does not hold the part there, or the events are not those of the pick
+        faults: dict[str, str] = {}
+        expected, kinds = ["grip"] if pick.place is None else ["grip", "release"], [e.kind for e in program.events]
+        if kinds != expected:
+            wanted = f"the program has the events {', '.join(kinds) or 'none'}; the pick has {', '.join(expected)}"
+            faults[program.segments[0].certificate] = wanted
+        for event in program.events if not faults else ():
+            segment = min(program.segments, key=lambda part: abs(part.end - event.time))
+            q, grips = segment.trajectory.end, event.kind == "grip"
+            target = task.target(task.grasp(member) if grips else task.release(member))
+            off, turned = twist_size(target, arm.forward_kinematics(q))
+            if off > GRASP_TOLERANCE or turned > GRASP_TOLERANCE:
+                away = f"{off * 1e3:.3g} mm and {np.rad2deg(turned):.3g} deg"
+                where = "grasp" if grips else "release"
+                faults[segment.certificate] = f"the tip is {away} from the {where} of the pick"
+            elif grips:
+                result = judge_grip(task, [member], q[None], np.zeros(1, dtype=np.int64)).result
+                if not result.ok:
+                    faults[segment.certificate] = result.message
+        # Each motion under the conditions of its part; no deviation is covered where a part is on its support
+        found = []
+        for key, trajectory in program.motions.items():
+            part = part_again(task, member, program.certificates[key].name, trajectory)
+            proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
+            if fault := faults.get(key):
+                message = f"{fault}; {proof.message}"
+                proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)
+            found.append(proof)
+        return tuple(found)
 
     def certify_displaced(self, verdict: PickVerdict, by: float) -> tuple[Certificate, ...]:
         """Certify the unchanged motions of a good pick for a part that is displaced by up to ``by`` metres.

@@ -208,19 +208,13 @@ SWEPT, SEARCHED = 8, 40
 """The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
 
 
-class Displacement(NamedTuple):
-    """The displacements (3,) of the tip in the root frame, in metres, at the grasp and at the release."""
-
-    grasp: Array
-    release: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Change:
     """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
 
     ``early`` marks the few candidates that are judged first if the budget is less than their number. If only the
-    positions of poses change, ``displacement`` states by how much, and they are screened without the changed pick.
+    positions of poses change, ``displacement`` has the displacements (3,) of the tip in the root frame (m), at the
+    grasp and at the release, and they are screened without the changed pick.
     """
 
     suggestion: Suggestion
@@ -228,7 +222,7 @@ class Change:
     size: float
     direction: tuple[int, ...] = ()
     early: bool = False
-    displacement: Displacement | None = None
+    displacement: tuple[Array, Array] | None = None
 
     @cached_property
     def pick(self) -> Pick:
@@ -272,18 +266,17 @@ def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_pl
     place_rotation = np.eye(3) if place is None else task.root_from(place.frame).rotation
     changes: dict[Suggestion, Change] = {}
     for by, direction, early in shifts:
-        displacement: Displacement | None
+        displacement: tuple[Array, Array] | None
         if place is not None and of_place:
             suggestion = ShiftSuggestion(place_by=_printed(by), place_frame=place.frame)
-            displacement = Displacement(nothing, place_rotation @ (np.array(suggestion.place_by) / 1e3))
+            displacement = nothing, place_rotation @ (np.array(suggestion.place_by) / 1e3)
         elif place is not None and _keeps_place(task, pick):
             place_by = _printed(place.pose.rotation @ pick.pose.rotation.T @ by)
             suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame, place_by=place_by, place_frame=place.frame)
-            moved = rotation @ (np.array(suggestion.by) / 1e3), place_rotation @ (np.array(place_by) / 1e3)
-            displacement = Displacement(*moved)
+            displacement = rotation @ (np.array(suggestion.by) / 1e3), place_rotation @ (np.array(place_by) / 1e3)
         else:
             suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame)
-            displacement = Displacement(rotation @ (np.array(suggestion.by) / 1e3), nothing)
+            displacement = rotation @ (np.array(suggestion.by) / 1e3), nothing
             if place is not None and place.pose_of != TIP:  # the pose of the tip at the release changes with the grasp
                 displacement = None
         if suggestion not in changes:
@@ -302,24 +295,6 @@ def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
             by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
             shifts.append(Shift(read_only(by), direction, distance in EARLY_DISTANCES and direction.count(0) == 2))
     return tuple(shifts)
-
-
-def _towards_reach(task: PickTask, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
-    """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
-
-    All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
-    """
-    # The gap to the nearest pose, in the axes of the frame
-    target = task.target(root_from_tip)
-    nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
-    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
-    shift = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
-    along = np.where(np.arange(3) == np.argmax(np.abs(shift)), shift, 0.0)
-    for line, part in enumerate((shift, shift * [1, 1, 0], along)):
-        for stretch in STRETCHES:
-            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
-            if by.any():
-                yield Shift(by, (line,), stretch in EARLY_STRETCHES)
 
 
 # -- trials -----------------------------------------------------------------------------------------------------------
@@ -497,19 +472,16 @@ def _poses_of(
     """
     changed = [task if change.displacement else PickTask(change.pick, task.cell) for change in candidates]
     owner = np.repeat(np.arange(len(candidates)), [len(other.nearest_group) for other in changed])
-    rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
-    shifts = [rotation @ getattr(change.displacement, which) if change.displacement else still for change in candidates]
-    by = np.array(shifts).reshape(-1, 3)[owner]
-
-    def poses(other: PickTask, share: float) -> Array:
-        tip = other.grasp if which == "grasp" else other.release
-        return other.targets([other.pick.before(tip(member), share) for member in other.nearest_group])
+    moves = [change.displacement[which == "release"] if change.displacement else np.zeros(3) for change in candidates]
+    by = np.array([task.arm.root_from_base.rotation.T @ move for move in moves]).reshape(-1, 3)[owner]
 
     def targets(share: float) -> Array:
-        stated = poses(task, share)
-        found = np.concatenate(
-            [np.empty((0, 4, 4)), *(stated if other is task else poses(other, share) for other in changed)]
-        )
+        stated: dict[PickTask, Array] = {}
+        for other in dict.fromkeys(changed):
+            tip = other.grasp if which == "grasp" else other.release
+            poses = [other.pick.before(tip(member), share) for member in other.nearest_group]
+            stated[other] = other.targets(poses)
+        found = np.concatenate([np.empty((0, 4, 4)), *(stated[other] for other in changed)])
         found[:, :3, 3] += by
         return found
 
@@ -555,7 +527,18 @@ def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *,
     stated = pick.place if of_place else pick
     target = (task.place or task.pick).pose if of_place else task.pick.pose
     if stated is not None and (of_place or stage is Stage.REACH):
-        shifts += _towards_reach(task, target, task.root_from(stated.frame).rotation)
+        # Towards the nearest pose that inverse kinematics finds: all of the gap, in the axes of the frame, its part
+        # across their z axis, and its largest component; rounded away from the pose
+        here = task.target(target)
+        nearest = Clik().solve(task.arm, here, task.cell.home, rng=0)
+        gap = task.arm.forward_kinematics(nearest.q).translation - here.translation
+        gap = task.root_from(stated.frame).rotation.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
+        largest = np.where(np.arange(3) == np.argmax(np.abs(gap)), gap, 0.0)
+        for line, part in enumerate((gap, gap * [1, 1, 0], largest)):
+            for stretch in STRETCHES:
+                by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
+                if by.any():
+                    shifts.append(Shift(by, (line,), stretch in EARLY_STRETCHES))
     changes = partial(_shift_changes, task, pick, of_place=of_place)
     _nearest(_screened(task, changes(shifts), of_place=of_place), trials)
     # Whole millimetres below the best one, along its direction

@@ -236,7 +236,7 @@ class PickTask:
 
     def target(self, root_from_tip: SE3) -> SE3:
         """``base_from_tcp`` that places the tip at a pose."""
-        return self.cell.shared.tcp_target(root_from_tip, self.arm.root_from_base)
+        return self.arm.root_from_base.actInv(root_from_tip * self.cell.shared.tip.inverse())
 
     def targets(self, poses: list[SE3]) -> Array:
         """``base_from_tcp`` (N, 4, 4) for many poses of the tip."""

@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, Upright, certify, curve_hash
+from pinproof.collision import Certificate, CollisionChecker, Upright, certify, curve_hash
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import (
@@ -22,7 +22,6 @@ from pinproof.motion import (
     Bounds,
     CubicPath,
     JointPath,
-    MotionProgram,
     RateConstraint,
     Trajectory,
     least_times,
@@ -30,14 +29,13 @@ from pinproof.motion import (
     time_parametrise,
 )
 from pinproof.picks.input.pick import PARTS, Member
-from pinproof.picks.judging.grasp import judge_grip
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.lines import Attempt, Pairs
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import PickTask, peaks_of, rate_limits
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import MovingEnds, optimise
-from pinproof.spatial import Array, twist_size
+from pinproof.spatial import Array
 
 SPEEDS = (1.2, 0.95, 0.7)
 """Speeds at the outer end of a line that are tried, as shares of its largest speed between two stops. The largest
@@ -169,10 +167,6 @@ def backwards(trajectory: Trajectory) -> Trajectory:
         accelerations=curvature,
     )
 
-
-GRASP_TOLERANCE = 1e-4
-"""m and rad: by how much the tip of a program may be away from the grasp and the release of its pick. The rounding of
-joint values in the languages of controllers, at most 1e-5 rad a joint, moves it by less."""
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
@@ -371,61 +365,13 @@ def timed_curve(
     return result.trajectory, result.certificate
 
 
-def recertify(task: PickTask, program: MotionProgram, deviation: float = 0.0) -> tuple[Certificate, ...]:
-    """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
-
-    Motions on which a part is lifted off a support, or put onto it, and depths of the hand in the part, are certified
-    without the deviation (rad or m). The motion that ends at an event is VIOLATED if the tip is not where the pick
-    grasps or puts down, if the hand does not hold the part there, or if the events are not those of the pick.
-
-    Raises
-    ------
-    InputError
-        If the pick has no grasp of the program's family, no motion of a name of the program, or another object.
-    """
-    # The grasp of the family with which the program was made
-    members = [member for group in task.groups() for member in group]
-    member = next((each for each in members if each.words == program.member), None)
-    if member is None:
-        raise InputError(f"pick {task.pick.name!r} has no grasp {program.member!r}, with which the program was made")
-    # What is wrong at the events, by the key of the certificate of the motion that ends there
-    faults: dict[str, str] = {}
-    expected, kinds = ["grip"] if task.pick.place is None else ["grip", "release"], [e.kind for e in program.events]
-    if kinds != expected:
-        wanted = f"the program has the events {', '.join(kinds) or 'none'}; the pick has {', '.join(expected)}"
-        faults[program.segments[0].certificate] = wanted
-    for event in program.events if not faults else ():
-        segment = min(program.segments, key=lambda part: abs(part.end - event.time))
-        q, grips = segment.trajectory.end, event.kind == "grip"
-        target = task.target(task.grasp(member) if grips else task.release(member))
-        off, turned = twist_size(target, task.arm.forward_kinematics(q))
-        if off > GRASP_TOLERANCE or turned > GRASP_TOLERANCE:
-            away = f"{off * 1e3:.3g} mm and {np.rad2deg(turned):.3g} deg"
-            faults[segment.certificate] = f"the tip is {away} from the {'grasp' if grips else 'release'} of the pick"
-        elif grips:
-            result = judge_grip(task, [member], q[None], np.zeros(1, dtype=np.int64)).result
-            if not result.ok:
-                faults[segment.certificate] = result.message
-    found = []
-    for key, trajectory in program.motions.items():
-        part = _part_again(task, member, program.certificates[key].name, trajectory)
-        proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
-        if fault := faults.get(key):
-            message = f"{fault}; {proof.message}"
-            proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)
-        found.append(proof)
-    return tuple(found)
-
-
 def certify_displaced(task: PickTask, member: Member, motion: PickMotion, by: float) -> Certificate:
-    """Certify a motion of a pick again, for a part that is displaced by up to ``by`` metres from its stated pose.
+    """Certify a motion of a pick again, as :meth:`PickSetup.certify_displaced` describes.
 
-    No point of the part is farther than ``by`` from where it is stated: in the scene before the grasp, and in the hand
-    after it. It is assumed to still rest on its support, whose margin is not changed where the two separate. The depth
-    of the palm is limited in the part as it is stated. A pick
-    without an object does not state which obstacle is its part; then every obstacle may be displaced.
+    The margin to a support is not changed where the part leaves it. The depth of the palm is limited in the part as it
+    is stated. A pick without an object does not state which obstacle is its part; then every obstacle may be displaced.
     """
-    part = _part_again(task, member, motion.name, motion.trajectory)
+    part = part_again(task, member, motion.name, motion.trajectory)
     if task.name is None:
         return certify(motion.trajectory, part.checker, obstacle_tolerance=by, constraints=part.constraints)
     # Wider margins for all pairs of the part, except those that are in contact
@@ -452,7 +398,7 @@ def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), part
     return MotionPart(name, curves, carrying, parting, backwards=name == "place", constraints=kept)
 
 
-def _part_again(task: PickTask, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
+def part_again(task: PickTask, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
     place = task.pick.place
     names: tuple[str, ...] = PARTS

@@ -110,6 +110,7 @@ def validate_picks(
     RunInterrupted
         After Ctrl-C (a KeyboardInterrupt); its ``result`` is the report on the picks that were judged before.
     """
+    # A sequence of picks has no shared settings
     if not isinstance(picks, Picks):
         require_type("picks", picks, Picks, Iterable)
         for index, pick in enumerate(picks):

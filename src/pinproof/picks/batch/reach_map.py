@@ -561,6 +561,7 @@ def reach_map(
     frames = _frames(orientations)
     arm = checker.arm
     before, after = _base_and_tip(arm, tip, world_from_root)
+    # Whether a pose without a free configuration fails at the limits or by contact is not of interest
     screening = Screening(checker, arm.home, attempts=attempts, rng=rng, why=False, clearance=True)
     points, m = len(region), len(frames)
     total = points * m

@@ -179,6 +179,7 @@ def in_chunks(
     """Return ``work(start, stop)`` for chunks of ``range(total)``, in order; ``progress`` gets the number finished."""
     stops = [min(start + CHUNK, total) for start in range(0, total, CHUNK)]
     parts: list[Part] = []
+    # Most of the work is done in the core, without the GIL
     with ThreadPoolExecutor(threads) as pool:
         for stop, part in zip(stops, pool.map(work, range(0, total, CHUNK), stops), strict=True):
             parts.append(part)

@@ -280,6 +280,7 @@ class _InterceptRefused(Exception):
 
 def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: float = 0.0) -> PickVerdict:
     """The verdict on a pick from the conveyor; the motion starts at the home of the cell at ``start_time`` (s)."""
+    # The pick is possible on this belt
     belt = cell.shared.conveyor
     try:
         task = PickTask(pick, cell)
@@ -296,6 +297,7 @@ def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: 
             raise InputError(f"start_time = {start_time!r}; it must be {until}")
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+    # The first time at which every stage passes; otherwise the reason is that of the time with the most stages
     farthest: tuple[StageResult, ...] = ()
     tried = 0
     for time, member in _meeting_times(task, belt, start_time, seeds[0]):
@@ -452,6 +454,7 @@ class _Moment:
             release_time, placed = self._place(timeline, attempt, followed)
         except _BeltEnds as ended:
             raise self._refused(Stage.TIMING, str(ended)) from ended
+        # The good verdict
         motion = Trajectory.join(*(each.trajectory for each in timeline.motions))
         clearance = min(each.certificate.clearance for each in timeline.motions)
         message = (
@@ -506,6 +509,7 @@ class _Moment:
         def prove(
             stage: Stage, motion: Trajectory, around: CollisionChecker, judge: CollisionChecker, hand: OpenHand | None
         ) -> None:
+            # All bodies are proven against the checker of the stage, then the hand against the part alone
             name = "tracking" if stage is Stage.GRIP else stage.value
             proof = timeline.prove(motion, judge)
             why = "" if proof.free else proof.message
@@ -523,6 +527,7 @@ class _Moment:
                 raise self._refused(stage, f"{name} on the moving belt: {why}")
             timeline.add(name, motion, around, proof)
 
+        # The hand may touch the part until it holds it; then the part moves with the hand off its support
         hand = task.passing(self.member)
         prove(Stage.APPROACH, followed.approach, task.at_grasp, task.at_grasp, hand)
         if followed.tracking is not None:
@@ -535,6 +540,7 @@ class _Moment:
         """The transfer, the lowering and the retreat with the empty hand; the time of the release."""
         if self.task.place is None:
             return None, StageResult(Stage.PLACE, True, "none requested")
+        # The transfer begins where the tool comes to rest with the part
         there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
         result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], Scores())
         if placing is None:
@@ -543,6 +549,7 @@ class _Moment:
         self._move(timeline, part_of(task, member, "transfer", (placing.transfer,)))
         if placing.lift is not None:
             self._move(timeline, part_of(task, member, "place", (placing.lift.reversed(),), placing.parting))
+        # The arm rests while the gripper opens
         here, names = timeline.motions[-1].trajectory.end, task.arm.joint_names
         still = Trajectory(
             [0.0, max(self.belt.dwell, INSTANT)], np.array([here, here]), np.zeros((2, len(here))), names

@@ -57,6 +57,7 @@ class Reached(NamedTuple):
 
 def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
     """The configurations at each of the given grasps; without any, the reason is either the limits or the reach."""
+    # All configurations within the limits, by the closed form, along curves of solutions, or by a search
     arm, home, limits = task.arm, task.cell.home, task.arm.limits
     targets = [task.target(task.grasp(member)) for member in members]
     many = task.targets([task.grasp(member) for member in members])
@@ -303,6 +304,7 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
             refuted = (member.head + grip.message for member, grip in zip(members, grips, strict=True) if proven)
             return Screened((), stages, tuple(refuted), True)
         return Screened((), stages, (*gripped.refuted, *in_contact()))
+    # The best are planned first
     kept = np.flatnonzero(gripped.kept)
     candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
     clearance = max(candidate.clearance for candidate in candidates)
@@ -533,6 +535,7 @@ def reasons_against_every_branch(task: PickTask, members: list[Member], seed: in
     pick, (position, orientation) = task.pick, LINE_DEVIATION
 
     def reasons_of(member: Member) -> list[str]:
+        # Every branch is out of reach or in contact at an end of a line
         grasp = task.grasp(member)
         found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
         if not found and pick.approach:

@@ -67,6 +67,7 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     """
     from scipy.optimize import linprog
 
+    # The edges of the friction cones at the outermost points of each patch
     points, forces, normals = [], [], []
     for touched, normal in patches:
         edges = _cone(normal, angle)
@@ -76,6 +77,7 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
             points.append(np.tile(point, (len(edges), 1)))
             forces.append(edges)
             normals.append(edges @ normal)
+    # Non-negative shares of these forces that sum to no force and no torque, and to 1 along the normals
     at, force = np.concatenate(points), np.concatenate(forces)
     centre = at.mean(axis=0)
     size = max(float(np.linalg.norm(at - centre, axis=1).max()), SAME_PLACE)
@@ -242,6 +244,7 @@ def _rates(
     it by at most (sum w)^2 R + 2 sum w sum v, where R bounds its distance from every one of the axes; along a chord of
     the share h it leaves the chord by at most h^2 / 8 times that.
     """
+    # The gripping joints that move the link, from it to the palm
     urdf = arm.robot.urdf
     joints: list[UrdfJoint] = []
     at: str = link
@@ -254,6 +257,7 @@ def _rates(
     sliding = sum(rate for joint, rate in zip(joints, rates, strict=True) if joint.type == "prismatic")
     if turning == 0.0:
         return sliding, 0.0
+    # The distance from the nearest axis, and those between consecutive axes, bound that from each of them
     origins = [arm.frame_placement(arm.home, joint.child).translation for joint in joints]
     placed = arm.frame_placement(arm.home, link)
     own = np.concatenate([outer_points(surface) @ pose.rotation.T + pose.translation for surface, pose in surfaces])
@@ -487,6 +491,7 @@ class _FingerPath:
             for surface, at in finger.surfaces
         ]
         self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
+        # Where the finger first touches the part, on the lines or at a feature between them
         gap = min((start for _, start in self._bodies), default=np.inf)
         placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
         gap = min([gap, *(_earlier_contact(gap, surface, at, part, finger) for surface, at in placed)])
@@ -631,6 +636,7 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     gap = float(at_rim[np.abs(at_rim).argmax()])
     slope = np.linalg.lstsq(np.column_stack([rim, np.ones(RIM)]), at_rim, rcond=None)[0][:2]
     tilt = float(np.arctan(np.linalg.norm(slope)))
+    # The rim is close enough, the face is parallel to the surface, and no air leaks
     contact, held = CupContact(area, gap, tilt), False
     where = f"{abs(gap) * 1e3:.2f} mm {'from' if gap >= 0 else 'inside'} {part.name}"
     words = f"the rim of the cup is at most {where}, tilted by {np.degrees(tilt):.1f} deg"

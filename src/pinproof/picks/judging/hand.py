@@ -305,6 +305,7 @@ class OpenHand:
             fingers = [pair for pair in pairs if pair[0] not in palm]
             if closing:
                 checker = checker.allowing(*fingers)
+            # The displaced palm and, unless they close, the open fingers stay outside of the part
             failed.append(certify(curve, checker, movers=still, limits=None))
             proven = failed[-1].free
             if not proven and grasp is not None and palm and not (closing or movers):
@@ -332,6 +333,7 @@ class OpenHand:
             knots, control = knots[0] + knots[-1] - knots[::-1], control[::-1, ::-1]
         rest = _Pieces(knots, control, curve.joint_names)
         touched = rest.domain[0]
+        # The displacements where the palm touches the part, then the proof until it touches it again
         for _ in range(MOST_PIECES):
             part = HeldPart(self._surface, self._tcp_from_part(rest(touched), self.part.pose))
             depths = [depth_of(body, part, np.empty((0, 3))) for body in self._palm]

@@ -113,6 +113,7 @@ class Scoring:
         # Upper bounds of the margin from the limits at any full rotations, joint by joint
         turned = (every + turns * TURN * arm.periodic for turns in TURNS)
         margins = np.max([joint_margins(arm, q, q) for q in turned], axis=0).min(axis=1, initial=1.0)
+        # Upper bounds of the score; the manipulability is that of the configuration
         clearances = np.array([candidate.clearance for candidate in candidates])
         volumes = np.array([candidate.manipulability for candidate in candidates])
         least = float(seconds.min(initial=np.inf))
@@ -259,6 +260,7 @@ class BestFirst:
         self.attempts.append(attempt)
         if not attempt.passed:
             return
+        # A complete motion is at most as good as its lines, at any full rotations within the limits
         arm, (low, high) = task.arm, attempt.span()
         shifts = full_rotations(arm, task.cell.home, attempt)
         distance = attempt.entrance + shifts - task.cell.home
@@ -360,6 +362,7 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
         status, message = PickStatus.NOT_FOUND, f"{message}; {members} grasps were tried"
     if cell.trial is None and (hint := task.frame_hint()):
         message = f"{message}; {hint}"
+    # Changed picks are judged in the same way, without suggestions of their own
     failed = replace(verdict.stages[-1], message=message)
     suggestions = suggest(
         task, pick, failed, attempt, lambda other: _judge(other, cell.for_trials(failed.stage), seeds)

@@ -159,7 +159,7 @@ def line(
     """A straight line from q (n,), at ``start`` in messages, to a pose of the tip."""
     if length == 0:
         return ToolLine(StageResult(stage, True, "none requested"))
-    # a support that is not checked against the object needs no permission for contact
+    # A support that is not checked against the object needs no permission for contact
     parting = tuple(pair for pair in parting if checker.pairs_of_owners(*pair))
     # The line, and the reason if only a part of it is possible
     move = plan_linear(checker, q, task.target(end), parting=parting)

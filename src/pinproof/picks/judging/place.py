@@ -246,6 +246,7 @@ class Placer:
             path, clearance = simple.path, simple.observed_after
         else:
             path, clearance = shortened(plan, carrying, seeds[1], torques)
+        # The lines follow at the full rotations at which the transfer ends
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""

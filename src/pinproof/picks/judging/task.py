@@ -303,6 +303,7 @@ class PickTask:
     @once_per_grasp
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
+        # Picks of equal parts often have the same grasp of the part
         cell, shared, along = self.cell, self.cell.shared, self._along(member)
         key, known = self._grip_key(member), cell.grips
         if key in known:

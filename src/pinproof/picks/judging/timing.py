@@ -133,6 +133,7 @@ def join_lines(
         after = None if lines[1] is None or last < 0 else lines[1].option(last)
         if (before is not None, after is not None) != (first >= 0, last >= 0):
             continue
+        # The states at both ends, and the time that the lines save by them
         start, end = (
             rest(stop) if line is None else (line.q[k].tolist(), line.velocities[k].tolist(), [0.0] * line.q.shape[1])
             for line, stop, k in ((before, stops[0], -1), (after, stops[1], 0))
@@ -203,6 +204,7 @@ def time_motion(
     task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None
 ) -> tuple[StageResult, TimedPart | None]:
     """Time and certify all parts of a motion."""
+    # All parts, without stops where the arm may pass the end of a line
     motions: list[PickMotion] = []
     try:
         timing = _PartsTiming(task, motion_parts(task, attempt, path, placing), attempt.candidate.member)

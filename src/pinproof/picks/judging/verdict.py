@@ -460,6 +460,7 @@ class PickVerdict(ProvenMotion, Shown, Written):
             for time in inside:  # one certificate covers the motions before and after the grasp
                 before, after = motion.trajectory.split(time / NANO)
                 parts = [(f"{motion.name} to grasp", before), (f"{motion.name} from grasp", after)]
+            # An event, and its dwell time, follows the segment that ends at its time
             for title, trajectory in parts:
                 segments.append(ProgramSegment(title, (moved + rested) / NANO, trajectory, key))
                 moved += _clock(trajectory.duration)

@@ -178,6 +178,7 @@ def _caption(
     row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, source: str
 ) -> panels.Caption:
     """The caption of a row; ``source`` is that of the acceleration limits."""
+    # The headline: FREE only if a certificate matches exactly what is shown
     tone, reason = row["verdict"], row.get("reason", "")
     headline = tone.upper() + (f" at {row['failed_at']}" if row.get("failed_at") else "")
     if tone == "good" and verdict is None:
@@ -187,6 +188,7 @@ def _caption(
     elif tone == "good":
         headline, tone = "NOT VALIDATED", "open"
         reason = "The certificate belongs to another motion, arm, scene or tool than those of this page."
+    # The figures, and the stages after the parts of the motion
     duration = row.get("duration")
     figures = {
         "Proven clearance": _proven_text(row),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,23 +26,20 @@ def cell() -> tuple[pp.Arm, pp.Scene, pp.Picks]:
 
 
 @pytest.fixture(scope="module")
-def report(cell: tuple[pp.Arm, pp.Scene, pp.Picks]) -> pp.picks.PickReport:
+def report(cell) -> pp.picks.PickReport:
     return pp.validate_picks(*cell, budget=QUICK)
 
 
 @pytest.mark.slow
-def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
+def test_each_kind_of_change_is_found(cell, report) -> None:
     arm, scene, picks = cell
     without_stop = scene.remove("stop")
     blocked = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.3), scene["bolt_1_1"].pose * pp.pose(xyz=(0.03, 0, 0.1)))
     after = pp.validate_picks(arm, without_stop.add(blocked), picks, budget=QUICK)
     found = compare(report, after)
-    assert {each.name: each.change for each in found.differences} == {
-        "bolts[0,0]": found.differences[0].change,
-        "bolts[1,1]": PickChange.LOST,
-        "unturned": PickChange.WON,
-    }
-    assert found.differences[0].change in (PickChange.SAME, PickChange.FASTER, PickChange.SLOWER)
+    first, *others = [(each.name, each.change) for each in found.differences]
+    assert first in [("bolts[0,0]", each) for each in (PickChange.SAME, PickChange.FASTER, PickChange.SLOWER)]
+    assert others == [("bolts[1,1]", PickChange.LOST), ("unturned", PickChange.WON)]
     assert not found.ok
     (lost,) = found.of(PickChange.LOST)
     assert "post" in lost.reason
@@ -50,20 +48,18 @@ def test_each_kind_of_change_is_found(cell: tuple[pp.Arm, pp.Scene, pp.Picks], r
 
 
 @pytest.mark.slow
-def test_slower_joints_make_picks_slower(cell: tuple[pp.Arm, pp.Scene, pp.Picks], report: pp.picks.PickReport) -> None:
+def test_slower_joints_make_picks_slower(cell, report) -> None:
     arm, scene, picks = cell
     limits = arm.limits
     slow = arm.with_limits(pp.JointLimits(limits.lower, limits.upper, limits.velocity / 2, limits.acceleration / 4))
     found = compare(report, pp.validate_picks(slow, scene, picks, budget=QUICK))
     assert [each.change for each in found.differences] == [PickChange.SLOWER, PickChange.SLOWER, PickChange.FAILING]
     before, after = found.seconds
-    assert after == pytest.approx(
-        2 * before, rel=0.02
-    )  # half the speed and a quarter of the acceleration: twice as long
+    assert after == pytest.approx(2 * before, rel=0.02)  # half the speed, a quarter of the acceleration: twice as long
     assert [each.change for each in compare(report, report).differences[:2]] == [PickChange.SAME] * 2
 
 
-def test_comparison_is_saved(tmp_path: Path, report: pp.picks.PickReport) -> None:
+def test_comparison_is_saved(tmp_path, report) -> None:
     found = compare(report, report)
     for suffix in ("json", "csv", "md"):
         found.save(tmp_path / f"comparison.{suffix}")
@@ -72,19 +68,18 @@ def test_comparison_is_saved(tmp_path: Path, report: pp.picks.PickReport) -> Non
     assert len((tmp_path / "comparison.csv").read_text().splitlines()) == 4
 
 
-def test_reports_on_different_picks_are_refused(report: pp.picks.PickReport) -> None:
+def test_reports_on_different_picks_are_refused(report) -> None:
     with pytest.raises(pp.UnknownNameError, match="unturned"):
         compare(report, replace(report, verdicts=report.verdicts[:2]))
 
 
 @pytest.mark.slow
-def test_proven_tolerance_contains_no_collision(report: pp.picks.PickReport) -> None:
+def test_proven_tolerance_contains_no_collision(report) -> None:
     study = tolerance_study(report, position=0.001, rotation=0.01, samples=4, largest=3.0)
     assert [each.good for each in study.picks] == [True, True, False]
     assert study.proven_share == pytest.approx(2 / 3)
     assert not study.ok
     setup, generator = report.setup, np.random.default_rng(0)
-    assert setup is not None
     for verdict, row in zip(report.verdicts, study.picks, strict=True):
         if not verdict.ok:
             continue
@@ -103,16 +98,15 @@ def test_proven_tolerance_contains_no_collision(report: pp.picks.PickReport) -> 
                 if name in scene.names:
                     scene = scene.move(name, obstacle.pose * moved)
                 else:
-                    attached = tuple(
-                        replace(body, pose=body.pose * moved) if body.name == name else body for body in attached
-                    )
-                checker = pp.CollisionChecker(
-                    setup.checker.arm, scene, attached=attached, allowed=allowed, margin=setup.checker.margin
-                )
+                    held = next(each for each in attached if each.name == name)
+                    others = [each for each in attached if each is not held]
+                    attached = [*others, replace(held, pose=held.pose * moved)]
+                settings = {"attached": attached, "allowed": allowed, "margin": setup.checker.margin}
+                checker = pp.CollisionChecker(setup.checker.arm, scene, **settings)
                 assert pp.certify(motion.trajectory, checker).free
 
 
-def test_too_large_a_tolerance_is_not_proven(report: pp.picks.PickReport) -> None:
+def test_too_large_a_tolerance_is_not_proven(report) -> None:
     study = tolerance_study(report, position=0.2, rotation=0.0, samples=0, largest=1.0)
     assert study.proven_share == 0.0
     assert all(each.limited_by for each in study.picks)
@@ -120,9 +114,10 @@ def test_too_large_a_tolerance_is_not_proven(report: pp.picks.PickReport) -> Non
 
 
 @pytest.mark.slow
-def test_workers_do_not_change_a_study(report: pp.picks.PickReport) -> None:
+def test_workers_do_not_change_a_study(report) -> None:
     one = tolerance_study(report, samples=3)
-    assert tolerance_study(report, samples=3, workers=2).to_dict() == one.to_dict()
+    with ThreadPoolExecutor(2) as executor:
+        assert tolerance_study(report, samples=3, executor=executor).to_dict() == one.to_dict()
 
 
 @pytest.mark.parametrize(
@@ -134,6 +129,6 @@ def test_workers_do_not_change_a_study(report: pp.picks.PickReport) -> None:
         ({"position": -1.0}, "position"),
     ],
 )
-def test_invalid_tolerances_are_refused(report: pp.picks.PickReport, settings: dict[str, object], words: str) -> None:
+def test_invalid_tolerances_are_refused(report, settings: dict[str, object], words: str) -> None:
     with pytest.raises(pp.InputError, match=words):
         tolerance_study(report, **settings)  # type: ignore[arg-type]

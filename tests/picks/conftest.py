@@ -1,9 +1,11 @@
-"""Arms for picks, their reports, and an independent check of good verdicts."""
+"""Arms and cells for picks, their reports, and an independent check of good verdicts."""
 
 from __future__ import annotations
 
 import importlib
 import os
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -15,6 +17,33 @@ from pinproof.description import robots_folder
 from pinproof.model import load_robot
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
+DOWN = (np.pi, 0, 0)
+QUICK = pp.picks.PickBudget(compared=1, remedies=0)
+
+
+def judge_in(
+    arm: pp.Arm, scene: pp.Scene, pick: pp.Pick, *, home=None, budget: pp.picks.PickBudget = QUICK, **shared
+) -> pp.picks.PickVerdict:
+    """The verdict on a pick in a scene, with these settings of the picks."""
+    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **shared), home=home, budget=budget).verdicts
+    return verdict
+
+
+def cell_of(robot: str, file: str, *names: str) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
+    """A cell of the package, all its picks or those of these names."""
+    picks = pp.read_picks(robots_folder() / robot / file)
+    chosen = tuple(pick for pick in picks if not names or pick.name in names)
+    return picks.load_arm(), pp.Scene.load(picks.scene), replace(picks, picks=chosen)
+
+
+def named(items, name: str):
+    """The pick of a name, or the verdict on it."""
+    return next(each for each in items if getattr(each, "pick", each).name == name)
+
+
+def figures(verdict: pp.picks.PickVerdict, stage: pp.picks.Stage) -> dict[str, float]:
+    """The figures of a stage."""
+    return next(each.figures for each in verdict.stages if each.stage is stage)
 
 
 @pytest.fixture(scope="session")
@@ -25,11 +54,7 @@ def arms() -> dict[str, pp.Arm]:
 @pytest.fixture(scope="session")
 def cells() -> dict[str, tuple[pp.Scene, pp.Picks]]:
     """The cells that come with the package."""
-    folder = robots_folder()
-    return {
-        name: (pp.Scene.load(folder / name / "scene.yaml"), pp.read_picks(folder / name / "picks.yaml"))
-        for name in ROBOTS
-    }
+    return {name: cell_of(name, "picks.yaml")[1:] for name in ROBOTS}
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +62,7 @@ def reports(arms, cells) -> dict[str, pp.picks.PickReport]:
     return {name: pp.validate_picks(arms[name], *cells[name]) for name in ROBOTS}
 
 
-def _recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
+def recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
     """Check the claims of a good verdict independently: FK, limits, a new checker, dense samples."""
     pick, motion, time = verdict.pick, verdict.trajectory, verdict.grasp_time
     home = arm.home if home is None else home
@@ -87,11 +112,6 @@ def _recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks:
     assert seen >= certificate.clearance - 1e-6
 
 
-@pytest.fixture(scope="session")
-def recheck():
-    return _recheck
-
-
 STICK = """<robot name="stick"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
 
@@ -113,11 +133,18 @@ def many() -> pp.picks.PickGrid:
     return pp.picks.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
 
 
-@pytest.fixture
-def judges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+@pytest.fixture(scope="module")
+def judges() -> Iterator[ModuleType]:
     """The module of judges, importable by name here and in every process that is started from here."""
     here = str(Path(__file__).parent)
-    monkeypatch.syspath_prepend(here)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(here)
+        patch.setenv("PYTHONPATH", os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])]))
+        yield importlib.import_module("campaign_judges")
+
+
+@pytest.fixture
+def flag(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The file by which processes know what another has done."""
     monkeypatch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path / "flag"))
-    return importlib.import_module("campaign_judges")
+    return tmp_path / "flag"

@@ -1,4 +1,4 @@
-"""Random hands and parts, and how deep points of one are in the other, by winding numbers and distances to triangles.
+"""Random hands and parts, and how deep points of one are in the other, by rays and distances to triangles.
 
 A grasp holds its part apart from the depth: fingers of the right width, a cup on a flat surface, a rod on the part. How
 deep the hand is in the part is measured at random points of its volume, its surface and its corners, and at those of
@@ -53,16 +53,21 @@ def placed(mesh: Mesh, at: SE3) -> Mesh:
     return mesh.copy().apply_transform(at.homogeneous)
 
 
+OBLIQUE = np.array(pp.pose(rpy=(0.3, 0.7, 1.1)).rotation)
+
+
 def within(points: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """(N,) whether points are inside a mesh, by its winding number (van Oosterom and Strackee, 1983)."""
-    corners = mesh.triangles[None] - points[:, None, None]
-    a, b, c = np.moveaxis(corners, 2, 0)
-    la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
-    dots = [np.einsum("ijk,ijk->ij", u, v) for u, v in ((b, c), (c, a), (a, b))]
-    solid = np.arctan2(
-        np.einsum("ijk,ijk->ij", a, np.cross(b, c)), la * lb * lc + sum(map(np.multiply, dots, (la, lb, lc)))
-    )
-    return np.abs(solid.sum(axis=1)) / (2 * np.pi) > 0.5
+    """(N,) whether points are inside a closed mesh: a ray in an oblique direction meets an odd number of triangles."""
+    a, b, c = np.moveaxis(mesh.triangles @ OBLIQUE, 1, 0)
+    x, y, z = (points @ OBLIQUE).T[:, :, None]
+
+    def side(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        return (q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])
+
+    u, v, w = side(b, c), side(c, a), side(a, b)
+    hit = ((u > 0) & (v > 0) & (w > 0)) | ((u < 0) & (v < 0) & (w < 0))
+    ahead = np.abs(u) * (a[:, 2] - z) + np.abs(v) * (b[:, 2] - z) + np.abs(w) * (c[:, 2] - z) > 0
+    return (hit & ahead).sum(axis=1) % 2 == 1
 
 
 def below(points: np.ndarray, mesh: Mesh) -> float:
@@ -117,12 +122,23 @@ class Grasp:
     pick: dict[str, Any] = field(default_factory=dict)
 
     def judge(self, arm: pp.Arm, **more: Any) -> pp.picks.PickVerdict:
-        tip = pp.pose((0, 0, TIP))
-        part = pp.Obstacle("part", self.shape, GRASP * tip.actInv(self.tcp_from_part))
         pick = pp.Pick("part", GRASP, carried="part", **{"approach": 0.08, "retreat": 0.03, **self.pick, **more})
-        picks = pp.Picks((pick,), tip=tip, margin=0.0005, **self.settings)
+        return self.judge_pick(arm, pick, pp.Scene([self.part]))
+
+    @property
+    def part(self) -> pp.Obstacle:
+        """The part where it is grasped."""
+        return pp.Obstacle("part", self.shape, GRASP * pp.pose((0, 0, TIP)).actInv(self.tcp_from_part))
+
+    @property
+    def shared(self) -> dict[str, Any]:
+        """The settings of the picks."""
+        return {"tip": pp.pose((0, 0, TIP)), "margin": 0.0005, **self.settings}
+
+    def judge_pick(self, arm: pp.Arm, pick: pp.Pick, scene: pp.Scene, home: np.ndarray = HOME) -> pp.picks.PickVerdict:
         budget = pp.picks.PickBudget(compared=1, remedies=0, motion=0, configurations=4)
-        return pp.validate_picks(arm, pp.Scene([part]), picks, home=HOME, budget=budget).verdicts[0]
+        picks = pp.Picks((pick,), **self.shared)
+        return pp.validate_picks(arm, scene, picks, home=home, budget=budget).verdicts[0]
 
 
 def palm_body(rng: np.random.Generator) -> tuple[pp.Shape, Mesh, float]:

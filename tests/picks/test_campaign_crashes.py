@@ -8,7 +8,10 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
 
 import pytest
 
@@ -62,9 +65,15 @@ class Fragile(Executor):
         self._queue.put(None)
 
 
-@pytest.fixture(autouse=True)
-def none_made_yet() -> None:
+@pytest.fixture
+def campaign(stick, many, judges, flag) -> Callable[..., pp.Campaign]:
+    """Campaigns of 120 picks by the name of their judge; no executor was made yet."""
     Fragile.made = 0
+
+    def made(judge: str, counts: tuple[int, int, int] = many.counts) -> pp.Campaign:
+        return pp.Campaign(stick, pp.Scene(), replace(many, counts=counts), judge=getattr(judges, judge))
+
+    return made
 
 
 def crashed(result: pp.picks.CampaignResult) -> list[int]:
@@ -80,8 +89,8 @@ def rows_there(folder, made) -> list[int]:
 
 
 @pytest.mark.parametrize(("chunk", "in_flight"), [(1, 1), (1, 16), (8, 1), (8, 16), (120, 3), (None, 8)])
-def test_only_the_faulty_picks_are_marked_as_crashed(stick, many, judges, tmp_path, chunk, in_flight) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+def test_only_the_faulty_picks_are_marked_as_crashed(campaign, tmp_path, chunk, in_flight) -> None:
+    made = campaign("ends_on_7_and_100")
     result = made.run(tmp_path, executor=Fragile, chunk=chunk, in_flight=in_flight)
     assert crashed(result) == [7, 100]
     reasons = {row["reason"] for row in result.rows() if row["verdict"] == "crashed"}
@@ -91,14 +100,14 @@ def test_only_the_faulty_picks_are_marked_as_crashed(stick, many, judges, tmp_pa
 
 @pytest.mark.parametrize("in_flight", [1, 8])
 def test_a_pick_whose_workers_were_killed_from_outside_is_tried_again_on_resume(
-    stick, many, judges, tmp_path, in_flight
+    campaign, flag, tmp_path, in_flight
 ) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+    made = campaign("ends_six_times_on_7")
     how = {"executor": Fragile, "chunk": 2, "in_flight": in_flight}
     first = made.run(tmp_path / "out", **how)
     if in_flight == 1:
         assert crashed(first) == [7]
-    while (tmp_path / "flag").stat().st_size < 6:
+    while flag.stat().st_size < 6:
         first = made.run(tmp_path / "out", **how)
     again = made.run(tmp_path / "out", **how)
     assert crashed(again) == []
@@ -107,16 +116,14 @@ def test_a_pick_whose_workers_were_killed_from_outside_is_tried_again_on_resume(
     assert (tmp_path / "out" / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
 
 
-def test_a_pick_that_ran_out_of_memory_is_tried_again_on_resume(stick, many, judges, tmp_path) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.memory_error_on_7)
+def test_a_pick_that_ran_out_of_memory_is_tried_again_on_resume(campaign, tmp_path) -> None:
+    made = campaign("memory_error_on_7")
     assert crashed(made.run(tmp_path / "out", executor=Fragile)) == [7]
     assert crashed(made.run(tmp_path / "out", executor=Fragile)) == []
 
 
-def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_bytes(
-    stick, many, judges, tmp_path
-) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_bytes(campaign, tmp_path) -> None:
+    made = campaign("ends_on_7_and_100")
     made.run(tmp_path, executor=Fragile)
     rows = (tmp_path / "rows.jsonl").read_bytes()
     again = made.run(tmp_path, executor=Fragile)
@@ -125,8 +132,8 @@ def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_b
     assert (tmp_path / "rows.jsonl").read_bytes() == rows
 
 
-def test_a_crashed_row_in_a_journal_is_replaced_by_a_later_run(stick, many, judges, tmp_path) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+def test_a_crashed_row_in_a_journal_is_replaced_by_a_later_run(campaign, tmp_path) -> None:
+    made = campaign("ends_six_times_on_7")
     made.run(tmp_path, executor=Fragile, chunk=2, in_flight=1)
     rows = list(pp.picks.CampaignResult.open(tmp_path).rows())
     (tmp_path / "rows.jsonl").unlink()
@@ -138,7 +145,7 @@ def test_a_crashed_row_in_a_journal_is_replaced_by_a_later_run(stick, many, judg
     assert again.resumed == 119
 
 
-def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
+def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(campaign, tmp_path) -> None:
     class Tired(Fragile):
         """Breaks after nine chunks."""
 
@@ -149,7 +156,7 @@ def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, ju
                 self.left -= 1
             return super().submit(_end if self.left < 0 else fn, *args)
 
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made = campaign("echo")
     assert crashed(made.run(tmp_path, executor=Tired, chunk=1, in_flight=4)) == []
     assert Tired.made > 5
 
@@ -158,8 +165,8 @@ def _end(*args) -> None:
     raise KeyboardInterrupt
 
 
-def test_an_executor_that_cannot_be_replaced_ends_the_run_and_another_resumes(stick, many, judges, tmp_path) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+def test_an_executor_that_cannot_be_replaced_ends_the_run_and_another_resumes(campaign, tmp_path) -> None:
+    made = campaign("ends_on_7_and_100")
     with pytest.raises(CampaignError, match=r"executor broke \(BrokenExecutor: .*pass a function that creates"):
         made.run(tmp_path, executor=Fragile(), chunk=5, in_flight=1)
     result = made.run(tmp_path, executor=Fragile, chunk=5)
@@ -167,12 +174,12 @@ def test_an_executor_that_cannot_be_replaced_ends_the_run_and_another_resumes(st
     assert result.resumed == 5
 
 
-def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
+def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(campaign, tmp_path) -> None:
     class Dead(Fragile):
         def submit(self, fn, /, *args, **settings):
             return super().submit(_end)
 
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made = campaign("echo")
     with pytest.raises(CampaignError, match=r"no worker starts .* if __name__ == '__main__'"):
         made.run(tmp_path, executor=Dead)
     assert Dead.made == 3
@@ -180,28 +187,28 @@ def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(stick, many
 
 
 @pytest.mark.slow
-def test_workers_that_always_die_are_an_error_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_always)
+def test_workers_that_always_die_are_an_error_and_no_pick_is_blamed(campaign, tmp_path) -> None:
+    made = campaign("ends_always")
     with pytest.raises(CampaignError, match=r"every worker process died on each of the first 10 picks.* enough memory"):
         made.run(tmp_path, executor=Fragile)
     assert rows_there(tmp_path, made) == []
-    few = pp.Campaign(stick, pp.Scene(), pp.picks.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
+    few = campaign("ends_always", (3, 1, 1))
     assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
 
 
-def test_a_task_that_workers_cannot_load_is_an_error(stick, many, judges, tmp_path, monkeypatch) -> None:
+def test_a_task_that_workers_cannot_load_is_an_error(campaign, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(executors, "_known", {})
 
     class Foreign(Fragile):
         def submit(self, fn, /, key, package, start, part):
             return super().submit(fn, key, package and package[:50], start, part)
 
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made = campaign("echo")
     with pytest.raises(CampaignError, match="the workers cannot load the task: UnpicklingError: "):
         made.run(tmp_path, executor=Foreign)
 
 
-def test_workers_that_join_receive_the_task_once(stick, many, judges, tmp_path, monkeypatch) -> None:
+def test_workers_that_join_receive_the_task_once(campaign, tmp_path, monkeypatch) -> None:
     class Joined(Fragile):
         """Chunks without the task reach workers that do not know it, until every worker has received it."""
 
@@ -211,7 +218,7 @@ def test_workers_that_join_receive_the_task_once(stick, many, judges, tmp_path, 
             return super().submit(_as_stranger if new else fn, *args)
 
     packed: list[bool] = []
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made = campaign("echo")
     assert crashed(made.run(tmp_path, executor=Joined, chunk=4, in_flight=10)) == []
     assert sum(packed) == 2  # the first of all, and the first that the stranger returned
 
@@ -221,18 +228,18 @@ def _as_stranger(*args):
 
 
 @pytest.mark.slow
-def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path, monkeypatch) -> None:
+def test_a_process_that_a_pick_kills(campaign, flag, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(executors, "MAX_DEATHS", 2)
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
-    assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
-    assert len((tmp_path / "flag").read_text()) == 4  # twice with its neighbour, twice alone
+    made = campaign("dies_on_7")
+    assert crashed(made.run(tmp_path / "out", workers=1, chunk=2)) == [7]
+    assert len(flag.read_text()) == 4  # twice with its neighbour, twice alone
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -> None:
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
+def test_a_process_that_dies_once_costs_nothing(campaign, flag, tmp_path) -> None:
+    made = campaign("dies_once_on_7")
     assert crashed(made.run(tmp_path / "out", workers=1, chunk=10)) == []
-    assert (tmp_path / "flag").exists()
+    assert flag.exists()
 
 
 RUN = """
@@ -248,7 +255,7 @@ if __name__ == "__main__":
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
-    stick, stick_urdf, many, judges, tmp_path, by
+    campaign, stick_urdf, flag, tmp_path, by
 ) -> None:
     folder, program = tmp_path / "out", tmp_path / "program.py"
     program.write_text(RUN)
@@ -259,7 +266,7 @@ def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
         os.killpg(running.pid, by) if by == signal.SIGINT else running.kill()
         assert running.communicate(timeout=PATIENCE)[1].count("Traceback") <= 1  # of the program, not of its workers
         assert running.returncode != 0
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.waits_for_flag)
+    made = campaign("waits_for_flag")
     with Journal(folder, made.header()) as journal:
         there = len(list(journal.rows()))
         workers = {int(time["worker"].rpartition(":")[2]) for time in journal.timings()}
@@ -267,7 +274,7 @@ def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
     assert os.getpid() not in workers
     wait_for(lambda: not any(map(is_alive, workers)))  # by themselves: nothing has ended them yet
 
-    (tmp_path / "flag").touch()
+    flag.touch()
     with ThreadPoolExecutor(3) as threads:
         assert made.run(folder, executor=threads).resumed == there
         made.run(tmp_path / "whole", executor=threads)
@@ -275,12 +282,10 @@ def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_a_broken_pool_of_processes_is_replaced(stick, many, judges, tmp_path) -> None:
-    import multiprocessing
-
+def test_a_broken_pool_of_processes_is_replaced(campaign, flag, tmp_path) -> None:
     def pool() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+        return ProcessPoolExecutor(1, mp_context=get_context("spawn"))
 
-    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
+    made = campaign("dies_once_on_7")
     assert crashed(made.run(tmp_path / "out", executor=pool, chunk=4, in_flight=4)) == []
-    assert (tmp_path / "flag").exists()
+    assert flag.exists()

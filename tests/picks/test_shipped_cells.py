@@ -11,6 +11,8 @@ import pytest
 import pinproof as pp
 from pinproof.picks import Stage
 
+from .conftest import recheck
+
 EXPECTED = {
     "ur5": {"bolt_3": Stage.GRASP, "bolt_4": Stage.GRASP, "bolt_6": Stage.REACH},
     "generic_6dof": {"pin_3": Stage.GRASP, "pin_4": Stage.REACH},
@@ -27,7 +29,7 @@ def test_each_pick_fails_at_the_expected_stage(reports, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_good_verdicts_pass_an_independent_check(reports, arms, cells, recheck, name: str) -> None:
+def test_good_verdicts_pass_an_independent_check(reports, arms, cells, name: str) -> None:
     for verdict in reports[name].good:
         recheck(verdict, arms[name], *cells[name])
 

@@ -11,6 +11,8 @@ import pytest
 import pinproof as pp
 from pinproof.picks import PickStatus, Stage
 
+from .conftest import recheck
+
 ROBOTS = ("ur5", "generic_6dof", "panda")
 QUICK = pp.picks.PickBudget(remedies=0)
 """Remedies have tests of their own."""
@@ -56,7 +58,7 @@ def pick(arm) -> pp.Pick:
     return pp.Pick("part", grasp(arm), approach=0.05, retreat=0.05)
 
 
-def test_good(arm, pick, recheck) -> None:
+def test_good(arm, pick) -> None:
     verdict = judge_one(arm, pick)
     assert verdict.ok
     assert verdict.reason.startswith("collision-free")
@@ -150,7 +152,7 @@ def test_transit_walled_in(arm) -> None:
     assert verdict.reason.startswith("from home: no path within ")
 
 
-def test_without_approach_and_retreat_the_motion_ends_at_the_grasp(arm, pick, recheck) -> None:
+def test_without_approach_and_retreat_the_motion_ends_at_the_grasp(arm, pick) -> None:
     still = replace(pick, approach=0.0, retreat=0.0)
     verdict = judge_one(arm, still)
     assert verdict.grasp_time == verdict.trajectory.duration
@@ -158,14 +160,14 @@ def test_without_approach_and_retreat_the_motion_ends_at_the_grasp(arm, pick, re
     recheck(verdict, arm, pp.Scene(), pp.Picks((still,), margin=0.002))
 
 
-def test_a_grasp_at_home_needs_no_transit(arm, recheck) -> None:
+def test_a_grasp_at_home_needs_no_transit(arm) -> None:
     here = pp.Pick("here", arm.root_from_base * arm.forward_kinematics(arm.home), approach=0.0, retreat=0.05)
     verdict = judge_one(arm, here)
     assert verdict.ok
     assert 0 <= verdict.grasp_time < verdict.trajectory.duration
 
 
-def test_the_tool_is_checked_and_its_tip_is_what_reaches(arms, recheck) -> None:
+def test_the_tool_is_checked_and_its_tip_is_what_reaches(arms) -> None:
     arm = arms["generic_6dof"]
     rod = pp.Obstacle("rod", pp.Cylinder(radius=0.01, length=0.1), pp.pose((0, 0, 0.05)))
     pick = pp.Pick("part", grasp(arm) * pp.pose((0, 0, 0.105)), approach=0.05, retreat=0.05)
@@ -178,7 +180,7 @@ def test_the_tool_is_checked_and_its_tip_is_what_reaches(arms, recheck) -> None:
     assert verdict.reason.startswith("rod penetrates peg")
 
 
-def test_poses_are_in_the_root_frame_whatever_the_base(arms, recheck) -> None:
+def test_poses_are_in_the_root_frame_whatever_the_base(arms) -> None:
     arm = pp.load_robot("generic_6dof").arm(base="base_link")
     assert arm.root_from_base.isIdentity()
     raised = pp.load_robot("panda").arm(base="panda_link0")

@@ -1,4 +1,4 @@
-"""Campaigns on a Dask cluster: a real scheduler, real worker processes, some of which die."""
+"""Campaigns and base placement on a Dask cluster: a real scheduler, real worker processes, some of which die."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
+from pinproof.cell import PlacementBudget, PlacementRegion, place_base
 from pinproof.description import robots_folder
+from pinproof.picks import PickBudget
 
+from ..pages import run_main
 from ..processes import PATIENCE
 
 distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
@@ -44,7 +48,7 @@ def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
                 host="127.0.0.1",
                 dashboard_address=":0",
                 local_directory=str(tmp_path_factory.mktemp("scratch")),
-            ) as made,
+            ) as made,  # fmt: skip
         ):
             yield made
 
@@ -92,20 +96,43 @@ def test_real_picks_have_the_same_rows_and_verdicts_as_here(client, arms, cells,
     made = pp.Campaign(arm, scene, picks)
     result = made.run(tmp_path / "dask", executor=client.get_executor(), chunk=1)
     assert result.path.read_bytes() == run_by_threads(made, tmp_path / "threads")
-    data = [
-        {k: v for k, v in pick.items() if k != "excluded_pairs"} for pick in reports["generic_6dof"].to_dict()["picks"]
-    ]
-    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == data
+    data = reports["generic_6dof"].to_dict()["picks"]
+    for row, pick in zip(result.rows(), data, strict=True):
+        assert {**row, "excluded_pairs": 0} == {**pick, "excluded_pairs": 0, "index": row["index"]}
     report = pp.validate_picks(arm, scene, picks, executor=client.get_executor())
     assert report.to_dict() == reports["generic_6dof"].to_dict()
 
 
-def test_the_command_line_takes_a_scheduler(cluster, monkeypatch, capsys, tmp_path) -> None:
+def test_the_command_line_takes_a_scheduler(cluster, tmp_path) -> None:
     picks = str(robots_folder() / "generic_6dof" / "picks.yaml")
     for more in (("--campaign", str(tmp_path / "out")), ("-o", str(tmp_path / "report.json"))):
-        monkeypatch.setattr("sys.argv", ["pinproof", "pick", picks, "--dask", cluster.scheduler_address, *more])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert ended.value.code == 1
-        assert "2 of 4 picks good" in capsys.readouterr().out
+        code, out, _ = run_main("pick", picks, "--dask", cluster.scheduler_address, *more)
+        assert (code, "2 of 4 picks good" in out) == (1, True)
     assert pp.picks.CampaignResult.open(tmp_path / "out").good == 2
+
+
+def test_a_search_of_placements_is_interrupted_resumed_and_equal_to_that_of_one_process(client, tmp_path: Path) -> None:
+    picks = pp.read_picks(robots_folder() / "ur5" / "picks.yaml")
+    picks = replace(picks, picks=picks.picks[:2])
+    arm, scene = picks.load_arm(), pp.Scene.load(picks.scene)
+    region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3), yaw=(-np.pi, np.pi))
+    settings = {
+        "placement_budget": PlacementBudget(grid=60, runs=1, evaluations=6, certified=1),
+        "budget": PickBudget(motion=0, compared=4, remedies=0),
+    }
+    alone = place_base(arm, scene, picks, region, **settings)
+    stages: list[str] = []
+
+    def stop(stage: str, done: int, total: int) -> None:
+        if stage == "certify_1" and done == 1:
+            raise KeyboardInterrupt
+
+    there = {"executor": client.get_executor(), "folder": tmp_path / "search", **settings}
+    with pytest.raises(pp.errors.RunInterrupted) as error:
+        place_base(arm, scene, picks, region, progress=stop, **there)
+    assert error.value.result.interrupted
+    assert error.value.result.map.to_csv() == alone.map.to_csv()
+    again = place_base(arm, scene, picks, region, progress=lambda stage, *_: stages.append(stage), **there)
+    assert again.to_dict() == alone.to_dict()
+    assert "grid" not in stages
+    assert "certify_1" in stages

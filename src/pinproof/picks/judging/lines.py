@@ -118,7 +118,7 @@ def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
 def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
     end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
-    into = line(Stage.APPROACH, task, task.approaching(candidate.member), q, end, task.pick.approach)
+    into = line(Stage.APPROACH, task, task.before(candidate.member, touching=True), q, end, task.pick.approach)
     return passing(into, task.passing(candidate.member), q)
 
 

@@ -256,20 +256,18 @@ class PickTask:
     # -- checkers -----------------------------------------------------------------------------------------------------
 
     @once_per_grasp
-    def before(self, member: Member) -> CollisionChecker:
-        """The checker before the grasp; an object that the pick states itself is where it will be grasped.
+    def before(self, member: Member, *, touching: bool = False) -> CollisionChecker:
+        """The checker before the grasp and, if ``touching``, on the approach, where the hand may touch the object.
 
-        Without an approach, the transit ends where the hand may touch it.
+        An object that the pick states itself is where it will be grasped. Without an approach, the transit ends there.
         """
         if not isinstance(self.pick.carried, Obstacle):
-            return self.outside
+            return self.at_grasp if touching else self.outside
+        if touching:
+            return self._allowing_hand(self.before(member))
         part = replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose)
         checker = self.outside.with_scene(self.scene.add(part))
         return checker if self.pick.approach else self._allowing_hand(checker)
-
-    def approaching(self, member: Member) -> CollisionChecker:
-        """The checker on the approach, on which the hand may touch the object."""
-        return self.at_grasp if self.from_scene or self.name is None else self._allowing_hand(self.before(member))
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:

@@ -393,7 +393,7 @@ def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), part
         hand = None if task.from_scene or task.pick.approach else task.passing(member)
         return MotionPart(name, curves, task.before(member), passing=hand)
     if name == "approach":
-        return MotionPart(name, curves, task.approaching(member), passing=task.passing(member))
+        return MotionPart(name, curves, task.before(member, touching=True), passing=task.passing(member))
     if name == "leave":
         return MotionPart(name, curves, task.letting_go(member), passing=task.passing(member, placed=True))
     carrying, kept = task.carrying(member), task.constraints(member)

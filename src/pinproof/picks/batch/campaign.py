@@ -165,12 +165,8 @@ def _verdicts(setup: PickSetup, start: int, part: Iterable[Pick]) -> list[PickVe
 class BeltSequence(Shown):
     """The picks that an arm takes from a conveyor one after the other; result of :func:`pick_from_belt`.
 
-    Parameters
-    ----------
-    verdicts
-        One for each pick, in order. Each good pick starts where and when the one before it ended.
-    end_time
-        Seconds on the clock of the conveyor at which the last motion ends.
+    There is one of the ``verdicts`` for each pick, in order. Each good pick starts where and when the one before it
+    ended. The last motion ends at ``end_time`` (s) on the clock of the conveyor.
     """
 
     verdicts: tuple[PickVerdict, ...]

@@ -44,16 +44,9 @@ from pinproof.picks.judging.setup import PickSetup
 
 @dataclass(frozen=True, eq=False)
 class PicksProgram:
-    """A program that executes picks, and its certificates.
+    """A ``program`` that executes picks, as read from its text, with the ``certificates`` of the motions of each pick.
 
-    Parameters
-    ----------
-    program
-        The program, as read from its text.
-    certificates
-        The certificates of the motions of each pick, in order.
-    notes
-        What the certificates do not cover, in sentences.
+    The ``notes`` state what the certificates do not cover, in sentences.
     """
 
     program: RobotProgram
@@ -166,19 +159,10 @@ def export_picks(
 class ProgramCheck(Shown):
     """The result of certifying a program of picks again in a cell.
 
-    Parameters
-    ----------
-    name
-        The name of the program.
-    motions
-        For each motion the names of its pick and of the motion, its certificate, and whether it differs from the motion
-        that was certified.
-    edited
-        Whether the text of a controller's program was edited after it was written, or was never certified.
-    notes
-        What the certificates do not cover, in sentences.
-    duration
-        Seconds; None for the program of a controller.
+    ``motions`` has for each motion the names of its pick and of the motion, its certificate, and whether it differs
+    from the motion that was certified. ``edited`` states whether the text of a controller's program was edited after it
+    was written, or was never certified, and ``notes`` what the certificates do not cover, in sentences. The
+    ``duration`` is in seconds; None for the program of a controller.
     """
 
     name: str

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -356,6 +356,52 @@ class BezierCurve:
         """Set the fields of a frozen dataclass in its constructor; arrays become read-only."""
         for name, value in values.items():
             object.__setattr__(self, name, read_only(value) if isinstance(value, np.ndarray) else value)
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePart(BezierCurve):
+    """A part of a curve with the same parameter; proofs of motions divide curves into such parts.
+
+    Parameters
+    ----------
+    knots, control
+        As in :class:`Bezier`.
+    joint_names
+        The n joints, in the order of the columns.
+    """
+
+    knots: Array
+    control: Array
+    joint_names: tuple[str, ...]
+
+    NUMBERS = ("knots", "control")
+
+    @classmethod
+    def of(cls, curve: Curve, first: float, last: float) -> CurvePart:
+        """Return the part from ``first`` to ``last``; a single configuration if they are equal."""
+        knots, control = curve.bezier()
+        names = tuple(curve.joint_names)
+        if first >= last:
+            here = Bezier(knots, control).at(last)
+            return cls(np.array([last, last]), np.stack([here] * control.shape[1])[None], names)
+        i = int(np.clip(np.searchsorted(knots, first, side="right") - 1, 0, len(control) - 1))
+        j = int(np.clip(np.searchsorted(knots, last, side="left") - 1, 0, len(control) - 1))
+        pieces = control[i : j + 1].copy()
+        if last < knots[j + 1]:  # split at the end first, which keeps the start of the piece
+            pieces[-1] = split(pieces[-1], (last - knots[j]) / (knots[j + 1] - knots[j]))[0]
+        if first > knots[i]:
+            ends = last if i == j else knots[i + 1]
+            pieces[0] = split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
+        return cls(np.array([first, *knots[i + 1 : j + 1], last]), pieces, names)
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, degree+1, n)."""
+        return self.knots, self.control
+
+    def reversed(self) -> CurvePart:
+        """The same image from end to start, over the same domain."""
+        knots = self.knots[0] + self.knots[-1] - self.knots[::-1]
+        return CurvePart(knots, self.control[::-1, ::-1], self.joint_names)
 
 
 # -- validation -------------------------------------------------------------------------------------------------------

@@ -42,8 +42,7 @@ from pinproof.collision.checking.separation import (
 )
 from pinproof.collision.geometry.bodies import Body
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import Bezier, BezierCurve, Curve, parameter_text, read_only
-from pinproof.motion import split as split_pieces
+from pinproof.motion import Bezier, Curve, CurvePart, parameter_text, read_only
 from pinproof.spatial import Array, matrix
 
 DEEPEST = 1e-3
@@ -84,7 +83,7 @@ def prove_parting(
         apart = {separating.pair for separating in separating_pairs if separating.proof.end > first}
         for pair, until in open_until.items():
             apart |= {pair} if until > first else full.parts_of[pair]
-        proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
+        proven.append(prove(CurvePart.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
         if not proven[-1].free:
             return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
     return _free(curve, checker, proven, separating_pairs, limits.obstacles)
@@ -319,36 +318,6 @@ def _split(
     return _Split(pair, groups, bodies, deepest)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part(BezierCurve):
-    """A part of a curve with the same parameter."""
-
-    joint_names: tuple[str, ...]
-    knots: Array
-    control: Array
-
-    @classmethod
-    def of(cls, curve: Curve, first: float, last: float) -> _Part:
-        """Return the part from ``first`` to ``last``; a single configuration if they are equal."""
-        knots, control = curve.bezier()
-        names = tuple(curve.joint_names)
-        if first >= last:
-            here = Bezier(knots, control).at(last)
-            return cls(names, np.array([last, last]), np.stack([here] * control.shape[1])[None])
-        i = int(np.clip(np.searchsorted(knots, first, side="right") - 1, 0, len(control) - 1))
-        j = int(np.clip(np.searchsorted(knots, last, side="left") - 1, 0, len(control) - 1))
-        pieces = control[i : j + 1].copy()
-        if last < knots[j + 1]:  # split at the end first, which keeps the start of the piece
-            pieces[-1] = split_pieces(pieces[-1], (last - knots[j]) / (knots[j + 1] - knots[j]))[0]
-        if first > knots[i]:
-            ends = last if i == j else knots[i + 1]
-            pieces[0] = split_pieces(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
-        return cls(names, np.array([first, *knots[i + 1 : j + 1], last]), pieces)
-
-    def bezier(self) -> tuple[Array, Array]:
-        return self.knots, self.control
-
-
 def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> list[int]:
     """Return the indices of the pairs of bodies with these names."""
     known, found = checker.obstacles_and_links, []
@@ -393,7 +362,7 @@ def _start_contact_verdict(
 ) -> Certificate:
     """Return the verdict on a curve that starts with a contact that ``parting`` does not allow."""
     first, _ = curve.domain
-    found = prove(_Part.of(curve, first, first), checker)
+    found = prove(CurvePart.of(curve, first, first), checker)
     one, other = checker.owners(start_contact.pair)
     if start_contact.distance < -DEEPEST:
         message = (
@@ -426,7 +395,7 @@ def _not_separated(
     # It is in contact where it approaches again or ends; before, it is undecided whether it has left.
     measured = checker.placed(there).measure(pair)
     nearer = separating.departure.gap(there) < separating.departure.gap(here) - checker.rounding
-    base = prove(_Part.of(curve, proof.end, proof.end), checker)  # for the common fields of certificates
+    base = prove(CurvePart.of(curve, proof.end, proof.end), checker)  # for the common fields of certificates
     touching = measured.attained - motion.limits.obstacles <= checker.margins[pair]
     if touching and (nearer or proof.end >= float(knots[-1])):
         contact = checker.contact(pair, measured)

@@ -37,7 +37,7 @@ from pinproof.collision import (
 )
 from pinproof.description import moved_by, resolved
 from pinproof.model import Arm
-from pinproof.motion import BezierCurve, Curve, split
+from pinproof.motion import Curve, CurvePart
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.judging.grip import HeldPart, MovingFinger
 from pinproof.spatial import SE3, Array, pose, translated
@@ -328,10 +328,9 @@ class OpenHand:
         which the proof continues.
         """
         # The curve from its far end to the grasp
-        knots, control = curve.bezier()
+        rest = CurvePart.of(curve, *curve.domain)
         if np.abs(curve.start - grasp).max() < np.abs(curve.end - grasp).max():
-            knots, control = knots[0] + knots[-1] - knots[::-1], control[::-1, ::-1]
-        rest = _Pieces(knots, control, curve.joint_names)
+            rest = rest.reversed()
         touched = rest.domain[0]
         # The displacements where the palm touches the part, then the proof until it touches it again
         for _ in range(MOST_PIECES):
@@ -344,7 +343,7 @@ class OpenHand:
             contact = proof.first_contact
             if proof.free or contact is None or contact.proven_free_until <= rest.domain[0]:
                 return proof.free, None
-            rest, touched = rest.after(contact.proven_free_until), contact.time
+            rest, touched = CurvePart.of(rest, contact.proven_free_until, rest.domain[1]), contact.time
         return False, None
 
     def _tcp_from_part(self, q: Array, root_from_part: SE3) -> SE3:
@@ -370,27 +369,6 @@ class OpenHand:
             limit = f"{body.name} is not proven to be at most {body.limit * 1e3:.2f} mm inside {self.part.name}"
             return EntryFailure(proof, f"{limit}: {proof.message}")
         return EntryFailure(proof, deepest.words(self.part.name, "would be"), deepest.depth)
-
-
-@dataclass(frozen=True, eq=False)
-class _Pieces(BezierCurve):
-    """A part of a curve, or a curve in the opposite direction."""
-
-    knots: Array
-    control: Array
-    joint_names: tuple[str, ...]
-
-    def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) and control points (k, degree+1, n)."""
-        return self.knots, self.control
-
-    def after(self, start: float) -> _Pieces:
-        """The part that begins at a parameter."""
-        piece = min(int(np.searchsorted(self.knots, start, side="right")), len(self.control)) - 1
-        share = (start - self.knots[piece]) / (self.knots[piece + 1] - self.knots[piece])
-        first = split(self.control[piece : piece + 1], share)[1]
-        knots = np.concatenate([[start], self.knots[piece + 1 :]])
-        return _Pieces(knots, np.concatenate([first, self.control[piece + 1 :]]), self.joint_names)
 
 
 class EntryFailure(NamedTuple):

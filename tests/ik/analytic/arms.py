@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,12 @@ import pinproof as pp
 from pinproof.model import load_robot
 
 TURN = 2 * np.pi
+
+
+@cache
+def arm_named(name: str) -> pp.Arm:
+    """An arm of the catalogue, loaded once."""
+    return pp.load_robot(name).arm()
 
 
 @dataclass

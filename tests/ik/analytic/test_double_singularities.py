@@ -1,14 +1,12 @@
 """Targets at and near several singularities at once: claims of completeness are true."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.ik import IkStatus
 
-from .arms import TURN, apart, assert_reaches, misses
+from .arms import TURN, apart, arm_named, assert_reaches, misses
 
 ARMS = ["kinova", "stanford", "generic_6dof", "irb120", "puma560", "ur5", "z1"]
 
@@ -16,9 +14,9 @@ REPRESENTED = 0.02
 """Rad or m. Near two singularities at once, rounding of the target (1e-16) moves a joint by about this."""
 
 
-def arm_named(name, limits=None):
-    robot = pp.load_robot(name)
-    return robot.arm(tcp="tool0" if name == "ur5" else None, limits=limits)
+def limited_wrist(name):
+    """An arm whose joint 4 turns by 1 rad."""
+    return pp.load_robot(name).arm(limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
 
 
 def special_configurations(arm, count, seed):
@@ -59,8 +57,7 @@ def assert_claims_hold(arm, q):
     assert not (missed & found.complete).any()
     for i in np.flatnonzero(missed):
         branches = solver.solve_all(arm, targets[i])
-        if not branches.ok:
-            assert solver.solve(arm, targets[i]).status is not IkStatus.IMPOSSIBLE, q[i]
+        assert branches.ok or solver.solve(arm, targets[i]).status is not IkStatus.IMPOSSIBLE, q[i]
         if branches.complete and apart(arm, branches.branches, q[i]).min() > REPRESENTED:
             assert distance_from_families(arm, branches.families, q[i]) < REPRESENTED, q[i]
     return found
@@ -70,7 +67,7 @@ def assert_claims_hold(arm, q):
 @pytest.mark.parametrize("name", ARMS)
 def test_completeness_claims_at_special_angles_are_true(name):
     arm = arm_named(name)
-    found = assert_claims_hold(arm, special_configurations(arm, 1500, seed=11))
+    found = assert_claims_hold(arm, special_configurations(arm, 700, seed=11))
     assert found.ok.mean() > 0.99
 
 
@@ -80,10 +77,10 @@ def test_completeness_claims_at_special_angles_are_true(name):
 )
 def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
     """The elbow is known to 1e-8 only, the direction of the wrist is undetermined, and joint 4 is limited."""
-    complete = arm_named(name)
-    arm = arm_named(name, limits={complete.joint_names[3]: (-1.0, 1.0)})
-    rng = np.random.default_rng(0)
-    q = rng.uniform(*arm.limits.sampling_range(), (150, 6))  # finds an error in 2 % with a probability of 95 %
+    arm = limited_wrist(name)
+    q = np.random.default_rng(0).uniform(
+        *arm.limits.sampling_range(), (150, 6)
+    )  # finds an error in 2 % with a probability of 95 %
     q[:, list(fixed)] = list(fixed.values())
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_batch(arm, targets)
@@ -96,37 +93,16 @@ def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
 def test_limited_wrists_are_solved_at_special_angles(name):
-    arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
-    assert_claims_hold(arm, special_configurations(arm, 800, seed=12))
+    arm = limited_wrist(name)
+    assert_claims_hold(arm, special_configurations(arm, 400, seed=12))
 
 
 @pytest.mark.parametrize(
     "q",
     [
-        [
-            2.145058310565056,
-            3.141592653589793,
-            3.141592678694418,
-            -1.079137891799557,
-            3.1415926537864363,
-            -2.872578212599749,
-        ],
-        [
-            -0.8909227772814243,
-            3.1415926535067356,
-            3.141592653589793,
-            -2.664570781074295,
-            3.1415925725387774,
-            -2.2994096173802,
-        ],
-        [
-            -2.5990038175565724,
-            3.1415926634558433,
-            3.1415926489721433,
-            2.843213068196471,
-            3.141592653589793,
-            -1.8478153303145,
-        ],
+        [2.145058310565056, np.pi, 3.141592678694418, -1.079137891799557, 3.1415926537864363, -2.872578212599749],
+        [-0.8909227772814243, 3.1415926535067356, np.pi, -2.664570781074295, 3.1415925725387774, -2.2994096173802],
+        [-2.5990038175565724, 3.1415926634558433, 3.1415926489721433, 2.843213068196471, np.pi, -1.8478153303145],
     ],
 )
 def test_two_double_roots_at_once_are_not_called_complete(q):
@@ -137,11 +113,9 @@ def test_two_double_roots_at_once_are_not_called_complete(q):
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
 def test_completeness_is_never_claimed_for_seven_joints(name):
     arm = arm_named(name)
-    q = special_configurations(arm, 40, seed=13)
-    targets = arm.forward_kinematics_batch(q)
+    targets = arm.forward_kinematics_batch(special_configurations(arm, 40, seed=13))
     solver = pp.AnalyticIk(redundant_steps=8)
-    found = solver.solve_all_batch(arm, targets)
-    assert not found.complete.any()
+    assert not solver.solve_all_batch(arm, targets).complete.any()
     assert IkStatus.IMPOSSIBLE not in solver.solve_batch(arm, targets).status
 
 
@@ -156,8 +130,7 @@ def test_completeness_is_claimed_at_regular_targets(name):
 
 def test_batches_and_single_calls_claim_completeness_alike():
     arm = arm_named("puma560")
-    q = special_configurations(arm, 200, seed=15)
-    targets = arm.forward_kinematics_batch(q)
+    targets = arm.forward_kinematics_batch(special_configurations(arm, 200, seed=15))
     targets[::7, :3, 3] *= 1.5
     batch = pp.AnalyticIk().solve_all_batch(arm, targets)
     for target, claimed in zip(targets, batch.complete, strict=True):
@@ -172,7 +145,7 @@ def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
     closed, search = pp.AnalyticIk(**tolerances), pp.Clik(**tolerances)
     rng = np.random.default_rng(0)
     searched = solved = 0
-    for _ in range(400):
+    for _ in range(200):
         q = rng.uniform(-3.0, 3.0, 6)
         q[2] = 0.0
         target = np.array(ur5.forward_kinematics(q).homogeneous)
@@ -185,7 +158,7 @@ def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
             assert answer.status is not IkStatus.IMPOSSIBLE
         if answer.ok:
             assert_reaches(ur5, answer.q, target, 1.000001 * tolerance)
-    assert searched > 200
+    assert searched > 100
     assert solved >= 0.99 * searched
 
 
@@ -196,11 +169,10 @@ def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, toleran
     """A configuration at special angles or limits reaches the targets within the tolerance."""
     arm = arm_named(name)
     rng = np.random.default_rng(21)
-    targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))
+    targets = arm.forward_kinematics_batch(special_configurations(arm, 700, seed=16))
     direction = rng.normal(size=(len(targets), 3))
-    targets[:, :3, 3] += (
-        direction / np.linalg.norm(direction, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(direction), 1))
-    )
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    targets[:, :3, 3] += direction * 0.95 * tolerance * rng.random((len(direction), 1))
     solver = pp.AnalyticIk(position_tolerance=tolerance, orientation_tolerance=tolerance)
     found = solver.solve_all_batch(arm, targets)
     assert found.ok.mean() > 0.9

@@ -8,7 +8,9 @@ import pinproof as pp
 from pinproof.model import load_robot
 
 
-def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) -> pp.Arm:
+def ball_arm(
+    kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0), geometry: str = '<sphere radius="0.05"/>'
+) -> pp.Arm:
     """A ball of 5 cm moved by a chain: ``"x"``, ``"y"`` slide along an axis; ``"turn"`` swings it, 1 m out, about z."""
     low, high = limits
     parts = ['<robot name="ball"><link name="l0"/>']
@@ -16,9 +18,8 @@ def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) 
         joint, axis = {"x": ("prismatic", "1 0 0"), "y": ("prismatic", "0 1 0"), "turn": ("continuous", "0 0 1")}[kind]
         parts.append(
             f'<link name="l{i}">'
-            + ('<collision><geometry><sphere radius="0.05"/></geometry>' if i == len(kinds) and kind != "turn" else "")
-            + ('<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.05"/></geometry>' if kind == "turn" else "")
-            + ("</collision>" if i == len(kinds) or kind == "turn" else "")
+            + (f"<collision><geometry>{geometry}</geometry></collision>" if i == len(kinds) and kind != "turn" else "")
+            + (f'<collision><origin xyz="1 0 0"/><geometry>{geometry}</geometry></collision>' if kind == "turn" else "")
             + f'</link><joint name="{kind}" type="{joint}"><parent link="l{i - 1}"/><child link="l{i}"/>'
             f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="1" effort="1"/></joint>'
         )

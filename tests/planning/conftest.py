@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import pinproof as pp
@@ -12,6 +13,11 @@ from .arms import ball_arm
 @pytest.fixture(scope="session")
 def ur5() -> pp.Arm:
     return pp.load_robot("ur5").arm()
+
+
+@pytest.fixture(scope="session")
+def free(ur5: pp.Arm) -> pp.CollisionChecker:
+    return pp.CollisionChecker(ur5)
 
 
 @pytest.fixture(scope="session")
@@ -39,9 +45,17 @@ def turntable() -> pp.Arm:
 @pytest.fixture(scope="session")
 def slotted() -> pp.Scene:
     """A wall along the y axis of the gantry, 2 cm thick, with a slot of 12 cm about y = 0.6."""
-    return pp.Scene(
-        [
-            pp.Obstacle("below", pp.Box(0.02, 1.74, 1.0), pp.pose((0.0, -0.33, 0.0))),
-            pp.Obstacle("above", pp.Box(0.02, 0.54, 1.0), pp.pose((0.0, 0.93, 0.0))),
-        ]
-    )
+    parts = (("below", 1.74, -0.33), ("above", 0.54, 0.93))
+    return pp.Scene([pp.Obstacle(name, pp.Box(0.02, side, 1.0), pp.pose((0.0, y, 0.0))) for name, side, y in parts])
+
+
+@pytest.fixture(scope="session")
+def slot(gantry: pp.Arm, slotted: pp.Scene) -> pp.CollisionChecker:
+    return pp.CollisionChecker(gantry, slotted, margin=0.005)
+
+
+@pytest.fixture(scope="session")
+def detour(slot: pp.CollisionChecker) -> pp.JointPath:
+    """Round by the slot, with corners to spare."""
+    q = [(-0.8, -0.8), (-0.8, 0.0), (-0.4, 0.2), (-0.8, 0.6), (0.8, 0.6), (0.4, 0.2), (0.8, 0.0), (0.8, -0.8)]
+    return pp.JointPath(np.array(q), slot.arm.joint_names)

@@ -1,7 +1,5 @@
 """Plans among moving obstacles: each is certified, and audited at dense samples in space and time."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -12,7 +10,7 @@ from pinproof.collision import audit
 from pinproof.errors import PlanFailed
 from pinproof.planning import PlanStatus, plan_among_movers
 
-STEP = 0.005
+STEP = 0.01
 """rad or m between the samples of an audit."""
 
 
@@ -54,15 +52,14 @@ def opening(name, obstacle, begins, travel=0.8):
 
 
 def behind_a_door():
-    scene = pp.Scene(
-        [
-            pp.Obstacle("wall_left", pp.Box(0.04, 1.0, 1.4), pp.pose((0.35, 0.75, 0.4))),
-            pp.Obstacle("wall_right", pp.Box(0.04, 1.0, 1.4), pp.pose((0.35, -0.75, 0.4))),
-            pp.Obstacle("lintel", pp.Box(0.04, 2.5, 0.8), pp.pose((0.35, 0, 1.4))),
-            pp.Obstacle("sill", pp.Box(0.04, 2.5, 0.2), pp.pose((0.35, 0, 0.0))),
-            pp.Obstacle("door", pp.Box(0.02, 0.6, 0.9), pp.pose((0.38, 0, 0.55))),
-        ]
-    )
+    boxes = {
+        "wall_left": ((0.04, 1.0, 1.4), (0.35, 0.75, 0.4)),
+        "wall_right": ((0.04, 1.0, 1.4), (0.35, -0.75, 0.4)),
+        "lintel": ((0.04, 2.5, 0.8), (0.35, 0, 1.4)),
+        "sill": ((0.04, 2.5, 0.2), (0.35, 0, 0.0)),
+        "door": ((0.02, 0.6, 0.9), (0.38, 0, 0.55)),
+    }
+    scene = pp.Scene([pp.Obstacle(name, pp.Box(*sides), pp.pose(at)) for name, (sides, at) in boxes.items()])
     arm = ur5()
     forward = pp.pose((0.6, 0.1, 0.5), (0, np.pi / 2, 0))
     still = pp.CollisionChecker(arm, scene.remove("door"), margin=0.002)
@@ -71,7 +68,7 @@ def behind_a_door():
 
 
 @pytest.mark.slow
-def test_arm_waits_until_a_door_opens() -> None:
+def test_arm_waits_until_a_door_opens_and_reaches_its_goal_within_the_window():
     checker, goals = behind_a_door()
     start = np.array([0.0, -2.2, 2.2, -1.57, -1.57, 0.0])
     door = opening("opening", "door", 3.0)
@@ -85,12 +82,7 @@ def test_arm_waits_until_a_door_opens() -> None:
     later = plan_among_movers(checker, start, goals, [door], start_time=2.0)
     assert checked(later, checker, [door], 2.0).duration < motion.duration - 1.5
 
-
-@pytest.mark.slow
-def test_goal_is_reached_within_its_window_or_the_reason_is_given() -> None:
-    checker, goals = behind_a_door()
-    start = np.array([0.0, -2.2, 2.2, -1.57, -1.57, 0.0])
-    door = opening("opening", "door", 3.0)
+    # the goal is reached within its window, or the reason is given
     late = plan_among_movers(checker, start, goals, [door], window=(8.0, 9.0))
     assert checked(late, checker, [door]).duration == pytest.approx(8.0)
     early = plan_among_movers(checker, start, goals, [door], window=(0.0, 2.5), samples=40)
@@ -99,7 +91,7 @@ def test_goal_is_reached_within_its_window_or_the_reason_is_given() -> None:
 
 
 @pytest.mark.slow
-def test_arm_passes_between_the_posts_of_a_rotary_table() -> None:
+def test_arm_passes_between_the_posts_of_a_rotary_table():
     arm = ur5()
     angles = np.arange(4) * np.pi / 2
     posts = [
@@ -117,7 +109,7 @@ def test_arm_passes_between_the_posts_of_a_rotary_table() -> None:
 
 
 @pytest.mark.slow
-def test_arm_keeps_clear_of_another_arm_on_its_trajectory() -> None:
+def test_arm_keeps_clear_of_another_arm_on_its_trajectory():
     facing = pp.pose((0.9, 0, 0), (0, 0, np.pi))
     cell = pp.assemble({"a": (ur5(), np.eye(4)), "b": (ur5(), facing)})
     names = [f"b/{name}" for name in ur5().joint_names]
@@ -147,7 +139,7 @@ def wall_of(speed, duration=60.0):
 
 
 @pytest.mark.slow
-def test_reason_names_what_drives_the_arm_from_its_start_if_no_waiting_place_is_free() -> None:
+def test_reason_names_what_drives_the_arm_from_its_start_if_no_waiting_place_is_free():
     checker, drive = wall_of(0.5)
     (start,) = reaching(ur5(), down(0.1, -0.5, 0.3))
     (goal,) = reaching(ur5(), down(0.1, 0.6, 0.3))
@@ -158,7 +150,7 @@ def test_reason_names_what_drives_the_arm_from_its_start_if_no_waiting_place_is_
         result.or_raise()
 
 
-def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only() -> None:
+def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only():
     checker, drive = wall_of(0.5)
     start, goal = reaching(ur5(), down(0.1, -0.5, 0.3), down(0.1, -0.45, 0.3))
     assert plan_among_movers(checker, start, goal, [drive]).ok
@@ -182,14 +174,14 @@ def test_start_in_the_path_of_a_mover_is_invalid_at_that_time_only() -> None:
         ({"samples": "few"}, "samples"),
     ],
 )
-def test_invalid_times_and_movers_are_refused(changes, named) -> None:
+def test_invalid_times_and_movers_are_refused(changes, named):
     checker, drive = wall_of(0.1, duration=5.0)
     (start,) = reaching(ur5(), down(0.1, 0.5, 0.3))
     with pytest.raises(pp.InputError, match=named):
         plan_among_movers(checker, start, start, **{"movers": [drive], **changes})
 
 
-def test_mover_seen_from_a_later_start_is_the_same_motion() -> None:
+def test_mover_seen_from_a_later_start_is_the_same_motion():
     lift = opening("lift", "wall", 1.5)
     for time in (0.0, 1.0, 1.9, 4.0):
         seen = lift.after(time)
@@ -199,7 +191,7 @@ def test_mover_seen_from_a_later_start_is_the_same_motion() -> None:
         assert np.abs(seen.trajectory(at) - expected).max() < 1e-12
 
 
-def test_window_that_is_shorter_than_the_joints_need_is_reported() -> None:
+def test_window_that_is_shorter_than_the_joints_need_is_reported():
     checker, drive = wall_of(0.1)
     start, goal = reaching(ur5(), down(0.1, 0.5, 0.3), down(0.1, 0.3, 0.3))
     result = plan_among_movers(checker, start, goal, [drive], window=(0.0, 0.01))
@@ -209,23 +201,18 @@ def test_window_that_is_shorter_than_the_joints_need_is_reported() -> None:
 
 @pytest.mark.parametrize(
     ("gap", "status"),
-    [
-        (1e-4, pp.CertificateStatus.FREE),
-        (1e-7, pp.CertificateStatus.UNDECIDED),
-        (-1e-4, pp.CertificateStatus.COLLIDING),
-    ],
+    [(1e-4, "FREE"), (1e-7, "UNDECIDED"), (-1e-4, "COLLIDING")],
 )
-def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, status) -> None:
+def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, status):
     """The straight motion passes a small ball between two samples; whether it touches it is not decided at 0.1 um."""
     start, goal = np.array([-0.4, 0.0]), np.array([0.4, 0.0])
-    checker = pp.CollisionChecker(
-        gantry, pp.Scene([pp.Obstacle("post", pp.Sphere(0.01), pp.pose((0.09, 0.06 + gap, 0)))])
-    )
+    post = pp.Obstacle("post", pp.Sphere(0.01), pp.pose((0.09, 0.06 + gap, 0)))
+    checker = pp.CollisionChecker(gantry, pp.Scene([post]))
     resting = pp.Mover("rest", ("post",), pp.Trajectory.at_rest([0.0], ["rest"], 30.0))
     direct = pp.time_parametrise(pp.JointPath([start, goal], gantry.joint_names), gantry.limits)
-    assert pp.certify(direct, checker, movers=[resting]).status is status
+    assert pp.certify(direct, checker, movers=[resting]).status.name == status
     result = plan_among_movers(checker, start, goal, [resting], window=(0.0, 1.4), samples=40)
-    assert result.ok == (status is pp.CertificateStatus.FREE)
+    assert result.ok == (status == "FREE")
     if result.ok:
         checked(result, checker, [resting])
     else:
@@ -233,7 +220,7 @@ def test_a_motion_that_is_not_proven_is_not_returned(gantry, gap, status) -> Non
 
 
 @pytest.mark.parametrize("slotted_door", [1, 2])
-def test_a_ball_waits_before_a_slot_until_its_doors_are_open(gantry, slotted, slotted_door) -> None:
+def test_a_ball_waits_before_a_slot_until_its_doors_are_open(gantry, slotted, slotted_door):
     """As early as the doors and the roadmap allow, with either order of the movers, and never through a door."""
     doors = [pp.Obstacle(f"door {k}", pp.Box(0.02, 0.3, 0.9), pp.pose((0.0, 0.6, 0.0))) for k in (1, 2)]
     checker = pp.CollisionChecker(gantry, slotted.add(*doors))
@@ -243,9 +230,8 @@ def test_a_ball_waits_before_a_slot_until_its_doors_are_open(gantry, slotted, sl
     result = plan_among_movers(checker, start, goal, movers, window=(0.0, 20.0), samples=80)
     motion = checked(result, checker, movers)
     # The door has to rise by the half of its height and the radius of the ball, which takes most of its second.
-    crossing = float(
-        np.interp(-0.06, motion(np.linspace(0, motion.duration, 4000))[:, 0], np.linspace(0, motion.duration, 4000))
-    )
+    times = np.linspace(0, motion.duration, 4000)
+    crossing = float(np.interp(-0.06, motion(times)[:, 0], times))
     assert 6.4 < crossing < 7.5
     assert 6.4 < motion.duration < 9.0
     assert result.goal == 0
@@ -257,7 +243,7 @@ def test_a_ball_waits_before_a_slot_until_its_doors_are_open(gantry, slotted, sl
     assert later.goal in (0, 1)
 
 
-def resting_time(motion: pp.Trajectory) -> float:
+def resting_time(motion):
     """The time (s) at which a motion rests, from samples."""
     times = np.linspace(0.0, motion.duration, 20_001)
     return float((np.abs(motion.velocity(times)).max(axis=1) < 1e-6).mean() * motion.duration)

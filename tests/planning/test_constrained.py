@@ -1,7 +1,5 @@
 """Plans along constraints of the tcp: certified, kept between samples, smooth, and refused where they cannot hold."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -21,11 +19,11 @@ POST = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.2), pp.pose((0.6, 0.0, 0.3)))
 
 
 @pytest.fixture(scope="module")
-def checker(ur5: pp.Arm) -> pp.CollisionChecker:
+def checker(ur5):
     return pp.CollisionChecker(ur5, pp.Scene([TABLE, POST]), margin=0.002)
 
 
-def sampled_error(constraint: pp.Upright | pp.Within | pp.collision.LookAt, arm: pp.Arm, curve: pp.Trajectory) -> float:
+def sampled_error(constraint, arm, curve):
     """The largest error at samples between which no joint moves by more than 0.002 rad, by Pinocchio."""
     rough = curve(np.linspace(*curve.domain, 2000))
     count = int(np.abs(np.diff(rough, axis=0)).max(axis=1).sum() / 0.002) + 2
@@ -33,9 +31,7 @@ def sampled_error(constraint: pp.Upright | pp.Within | pp.collision.LookAt, arm:
 
 
 @pytest.mark.parametrize("degrees", [5.0, 1.0, 0.1])
-def test_an_upright_motion_is_certified_and_never_leaves_the_cone(
-    ur5: pp.Arm, checker: pp.CollisionChecker, degrees: float
-) -> None:
+def test_an_upright_motion_is_certified_and_never_leaves_the_cone(ur5, checker, degrees):
     upright = pp.Upright.keeping(ur5, START, tolerance=math.radians(degrees))
     plan = pp.RrtConnect().plan(checker, START, GOAL, constraints=[upright], rng=1).or_raise()
     assert plan.certificate.constraints[0].largest <= upright.tolerance
@@ -50,7 +46,7 @@ def test_an_upright_motion_is_certified_and_never_leaves_the_cone(
 
 
 @pytest.mark.slow
-def test_several_constraints_hold_together_on_a_redundant_arm(panda: pp.Arm) -> None:
+def test_several_constraints_hold_together_on_a_redundant_arm(panda):
     """A line of 0.8 m, within 1 mm, with the tool upright."""
     first, last = (
         pp.Clik().solve(panda, pp.pose((0.45, y, 0.4), (np.pi, 0, turn)), panda.home, rng=0).or_raise().q
@@ -67,7 +63,7 @@ def test_several_constraints_hold_together_on_a_redundant_arm(panda: pp.Arm) -> 
         assert sampled_error(proof.constraint, panda, trajectory) <= proof.largest <= proof.constraint.tolerance
 
 
-def test_the_same_seed_gives_the_same_constrained_path(ur5: pp.Arm, checker: pp.CollisionChecker) -> None:
+def test_the_same_seed_gives_the_same_constrained_path(ur5, checker):
     upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
     first, second = (
         pp.RrtConnect().limited_to(2000).plan(checker, START, GOAL, constraints=[upright], rng=3).or_raise()
@@ -80,9 +76,7 @@ def test_the_same_seed_gives_the_same_constrained_path(ur5: pp.Arm, checker: pp.
     (START + TILT, GOAL, pp.planning.PlanStatus.START_INVALID),
     (START, GOAL + TILT, pp.planning.PlanStatus.GOAL_INVALID),
 ])  # fmt: skip
-def test_an_end_that_violates_a_constraint_is_reported_with_its_excess(
-    ur5: pp.Arm, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray, status: pp.planning.PlanStatus
-) -> None:
+def test_an_end_that_violates_a_constraint_is_reported_with_its_excess(ur5, checker, start, goal, status):
     upright = pp.Upright.keeping(ur5, START, tolerance=0.1)
     plan = pp.RrtConnect().plan(checker, start, goal, constraints=[upright])
     assert plan.status is status
@@ -90,7 +84,7 @@ def test_an_end_that_violates_a_constraint_is_reported_with_its_excess(
     assert f"{math.ceil(excess * 100) / 100:.2f} deg too much" in plan.message
 
 
-def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5: pp.Arm) -> None:
+def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5):
     """Upright and in a plane behind a wall: the search ends with its budget, and without a path."""
     wall = pp.Obstacle("wall", pp.Box(3.0, 0.05, 3.0), pp.pose((0.0, 0.0, 0.5)))
     checker = pp.CollisionChecker(ur5, pp.Scene([wall])).allowing(
@@ -102,7 +96,7 @@ def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5: pp.A
     assert not plan.ok
 
 
-def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> None:
+def test_projection_ends_inside_the_tolerance_and_the_limits(panda):
     rng = np.random.default_rng(0)
     low, high = panda.limits.lower, panda.limits.upper
     upright = pp.Upright(tolerance=0.02, axis_in_tcp=(0, 0, -1))
@@ -120,7 +114,7 @@ def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> N
     assert solved > 150
 
 
-def test_the_smooth_curve_stays_inside_the_joint_limits(ur5: pp.Arm) -> None:
+def test_the_smooth_curve_stays_inside_the_joint_limits(ur5):
     """The limits are the range of the path, which a spline through its points may leave."""
     upright = pp.Upright.keeping(ur5, START, tolerance=0.3)
     scene = pp.Scene([TABLE, POST])
@@ -138,7 +132,7 @@ def test_the_smooth_curve_stays_inside_the_joint_limits(ur5: pp.Arm) -> None:
 
 
 @pytest.mark.parametrize("name", ["upright", "line", "both"])
-def test_projections_and_proven_edges_keep_the_constraints_at_dense_samples(ur5: pp.Arm, name: str) -> None:
+def test_projections_and_proven_edges_keep_the_constraints_at_dense_samples(ur5, name):
     """Also where a joint is at its limit: what cannot be projected is refused, and edges that leave are not proven."""
     upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
     here = ur5.forward_kinematics(START).translation
@@ -174,7 +168,7 @@ def test_projections_and_proven_edges_keep_the_constraints_at_dense_samples(ur5:
     assert set(proven) == {False, True}
 
 
-def test_steps_along_the_constraints_are_proven_and_end_at_the_target(ur5: pp.Arm) -> None:
+def test_steps_along_the_constraints_are_proven_and_end_at_the_target(ur5):
     upright = pp.Upright.keeping(ur5, START, tolerance=0.01)
     manifold, edges = manifold_of(ur5, [upright]), Edges(pp.CollisionChecker(ur5), 0.05, np.array([START, GOAL]))
     rng, reached = np.random.default_rng(1), 0
@@ -195,7 +189,7 @@ def test_steps_along_the_constraints_are_proven_and_end_at_the_target(ur5: pp.Ar
     assert reached > 5
 
 
-def test_a_configuration_whose_joints_cannot_move_is_not_projected(ur5: pp.Arm) -> None:
+def test_a_configuration_whose_joints_cannot_move_is_not_projected(ur5):
     upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
     for tilt in (0.0, 0.2):
         q = START + np.array([0, 0, 0, tilt, 0, 0])

@@ -1,7 +1,5 @@
 """Arms with given motions wait for each other; the motion of all is certified and audited."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,12 +10,11 @@ from pinproof.planning import coordinate, plan_arms
 
 
 @pytest.fixture(scope="module")
-def cell():
-    arm = pp.load_robot("ur5").arm()
-    return pp.assemble({"a": (arm, np.eye(4)), "b": (arm, pp.pose((1.1, 0, 0), (0, 0, np.pi)))})
+def cell(ur5):
+    return pp.assemble({"a": (ur5, np.eye(4)), "b": (ur5, pp.pose((1.1, 0, 0), (0, 0, np.pi)))})
 
 
-def visit(cell, name: str, *, jerk: float | None = None) -> pp.Trajectory:
+def visit(cell, name, *, jerk=None):
     """The arm moves from the side to the middle between the robots and back."""
     arm = cell.arms[name]
     target = arm.root_from_base.inverse() * pp.pose((0.55, 0.0, 0.4), (np.pi, 0, 0))
@@ -30,7 +27,7 @@ def visit(cell, name: str, *, jerk: float | None = None) -> pp.Trajectory:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jerk", [None, 100.0])
-def test_arm_waits_until_the_other_has_left_the_shared_place(cell, jerk) -> None:
+def test_arm_waits_until_the_other_has_left_the_shared_place(cell, jerk):
     checker = pp.CollisionChecker(cell)
     motions = {name: visit(cell, name, jerk=jerk) for name in ("a", "b")}
     together = pp.certify(pp.motion.synchronise(motions, cell, wait=True), checker)
@@ -59,7 +56,7 @@ FORK = """<robot name="rails"><link name="root"/>
 
 
 @pytest.mark.slow
-def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> None:
+def test_arm_between_the_fingers_of_another_moves_slower_along_its_path():
     """At full speed, the puck meets the finger ahead of it or the one behind, whenever it starts."""
     group = pp.model.load_robot(FORK).arms("fork", "puck")
     names = {name: list(arm.joint_names) for name, arm in group.arms.items()}
@@ -78,24 +75,23 @@ def test_arm_between_the_fingers_of_another_moves_slower_along_its_path() -> Non
     assert (np.abs(ends["puck"].velocities) <= 1.0 + 1e-9).all()
 
 
-def test_motions_that_never_fit_are_reported_with_the_bodies(cell) -> None:
+def test_motions_that_never_fit_are_reported_with_the_bodies(cell):
     checker = pp.CollisionChecker(cell)
     motions = {name: visit(cell, name) for name in ("a", "b")}
     stays = separate_half(motions["a"])
     result = coordinate(checker, {"a": stays, "b": motions["b"]}, step=0.5)
     assert not result.ok
-    assert not result.ok
     assert "'b'" in result.message
     assert any(name.startswith("a/") for name in result.certificate.first_contact.bodies)
 
 
-def separate_half(motion: pp.Trajectory) -> pp.Trajectory:
+def separate_half(motion):
     """The first half: the arm stays in the middle."""
     rests = np.flatnonzero(~motion.velocities.any(axis=1))[1]
     return motion.split(float(motion.times[rests]))[0]
 
 
-def test_motion_that_does_not_rest_at_its_ends_is_refused(cell) -> None:
+def test_motion_that_does_not_rest_at_its_ends_is_refused(cell):
     names = cell.arms["a"].joint_names
     moving = pp.Trajectory([0.0, 0.1], np.zeros((2, 6)), np.array([np.zeros(6), np.ones(6)]), names)
     with pytest.raises(pp.InputError, match="'a' does not rest"):
@@ -103,7 +99,7 @@ def test_motion_that_does_not_rest_at_its_ends_is_refused(cell) -> None:
 
 
 @pytest.mark.slow
-def test_arms_that_swap_sides_get_the_shorter_of_two_certified_motions(cell) -> None:
+def test_arms_that_swap_sides_get_the_shorter_of_two_certified_motions(cell):
     checker = pp.CollisionChecker(cell)
     ends = {}
     for name in ("a", "b"):
@@ -122,7 +118,7 @@ def test_arms_that_swap_sides_get_the_shorter_of_two_certified_motions(cell) -> 
     assert result.trajectory.duration <= together.duration + 1e-9
 
 
-def test_goal_in_collision_is_refused_with_the_reason_of_both_methods(cell) -> None:
+def test_goal_in_collision_is_refused_with_the_reason_of_both_methods(cell):
     checker = pp.CollisionChecker(cell)
     middle = np.concatenate([separate_half(visit(cell, name)).end for name in ("a", "b")])
     start = np.concatenate([visit(cell, name).start for name in ("a", "b")])

@@ -1,7 +1,5 @@
 """Routes and how far a curve may be off them: smooth, within the rounding, and bounds that hold between samples."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -23,11 +21,11 @@ numbers = st.floats(-1, 1)
 some_pose = st.builds(lambda xyz, rpy: pp.pose(xyz, rpy), st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3))
 
 
-def as_pose(matrix: np.ndarray) -> SE3:
+def as_pose(matrix):
     return SE3(matrix[:3, :3], matrix[:3, 3])
 
 
-def _follower(arm: pp.Arm, mask: np.ndarray, deviation: float, rotation_deviation: float) -> RouteFollower:
+def _follower(arm, mask, deviation, rotation_deviation):
     return RouteFollower(
         arm=arm, task=line_task((mask > 0).tolist()), deviation=deviation, rotation_deviation=rotation_deviation,
         translation_step=0.05, rotation_step=0.2, max_joint_step=0.3,
@@ -36,7 +34,7 @@ def _follower(arm: pp.Arm, mask: np.ndarray, deviation: float, rotation_deviatio
 
 @examples(20)
 @given(some_pose, some_pose)
-def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
+def test_a_leg_is_the_interpolation_of_its_ends(first, last):
     shares = np.linspace(0, 1, 7)
     for s, matrix in zip(shares, Route.straight(first, last).poses(shares), strict=True):
         assert max(twist_size(interpolate(first, last, s), as_pose(matrix))) < MET
@@ -44,7 +42,7 @@ def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
 
 @examples(20)
 @given(st.lists(some_pose, min_size=2, max_size=5))
-def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> None:
+def test_without_rounding_every_pose_is_met_and_is_a_stop(poses):
     routes = routes_through(poses, 0.0, 0.1)
     assert len(routes) == len(poses) - 1
     for first, last, route in zip(poses[:-1], poses[1:], routes, strict=True):
@@ -55,7 +53,7 @@ def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> N
 
 @examples(20)
 @given(st.lists(some_pose, min_size=3, max_size=5), st.floats(1e-3, 0.2))
-def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float) -> None:
+def test_roundings_miss_their_pose_by_no_more(poses, rounding):
     seen = 1
     for route in routes_through(poses, rounding, 0.2):
         at = route.poses(np.array(route.passes))
@@ -69,7 +67,7 @@ def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float)
 
 @examples(20)
 @given(st.lists(some_pose, min_size=3, max_size=4), st.floats(0.02, 0.2))
-def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], rounding: float) -> None:
+def test_the_route_s_derivatives_stay_below_their_bounds(poses, rounding):
     for route in routes_through(poses, rounding, 0.5):
         if route.length == 0.0:
             continue
@@ -90,7 +88,7 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], round
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "scara"])
 @pytest.mark.parametrize("deviation", [1e-2, 1e-4])
-def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, deviation: float) -> None:
+def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name, deviation):
     arm = pp.load_robot(name).arm()
     rng = np.random.default_rng(0)
     bound = _follower(arm, np.ones(6), deviation, 10 * deviation)
@@ -110,7 +108,7 @@ def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, dev
             assert (off[k] <= here + np.array([0.11, 1.2]) * deviation).all()
 
 
-def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) -> None:
+def test_a_task_that_leaves_something_free_is_not_measured_there(ur5):
     q = np.array([ur5.home, ur5.home + 0.1, ur5.home + 0.2])
     path = pp.motion.CubicPath.through(q, ur5.joint_names, knots=[0, 0.5, 1])
     here = ur5.forward_kinematics(q[0])
@@ -130,13 +128,13 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
     assert angle.max() <= spin[:, 1].max() <= angle.max() + 1e-2
 
 
-def test_a_curve_that_would_need_too_many_samples_is_not_waved_through(ur5: pp.Arm) -> None:
+def test_a_curve_that_would_need_too_many_samples_is_not_waved_through(ur5):
     here = ur5.forward_kinematics(ur5.home)
     path = pp.motion.CubicPath.through([ur5.home, ur5.home, ur5.home + 3], ur5.joint_names, knots=[0, 0.5, 1])
     assert np.isinf(_follower(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
 
 
-def test_roundings_and_legs_together_are_twice_differentiable() -> None:
+def test_roundings_and_legs_together_are_twice_differentiable():
     poses = [pp.pose((0, 0, 0)), pp.pose((1, 0, 0), (0.3, 0, 0)), pp.pose((1, 1, 0)), pp.pose((0, 1, 1), (0, 0.4, 0))]
     (route,) = routes_through(poses, 0.05, 0.3)
     s = np.linspace(0, 1, 20_001)
@@ -145,7 +143,7 @@ def test_roundings_and_legs_together_are_twice_differentiable() -> None:
     assert jumps < 0.02 * np.abs(second).max()  # a jump of the second derivative would be of its own size
 
 
-def test_a_rounding_uses_all_of_its_allowance_on_long_segments() -> None:
+def test_a_rounding_uses_all_of_its_allowance_on_long_segments():
     corners = [pp.pose((0, 0, 0)), pp.pose((1, 0, 0)), pp.pose((1, 1, 0)), pp.pose((2, 1, 0.5))]
     for rounding in (0.005, 0.02):
         (route,) = routes_through(corners, rounding, 1.0)

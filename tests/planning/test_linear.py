@@ -1,390 +1,200 @@
-"""Straight moves: on the line, on the branch, inside limits, proven free; or where they stop and why."""
+"""Straight moves and sequences of poses: on the lines, inside limits, proven; or where they stop and why."""
 
-from __future__ import annotations
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.ik import IkTask
-from pinproof.planning import LinearStatus, Route, RouteFollower, cartesian
+from pinproof.planning import LinearStatus, Route, RouteFollower, cartesian, plan_poses
 from pinproof.spatial import interpolate, twist_size
 
-from .arms import assert_free, ball_arm
+from .arms import assert_free
 
 READY = np.array([0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
 """A UR5 with its tool above the table, pointing down."""
 
 
-@pytest.fixture(scope="module")
-def free(ur5: pp.Arm) -> pp.CollisionChecker:
-    return pp.CollisionChecker(ur5)
-
-
-def _moved(arm: pp.Arm, q: np.ndarray, xyz: tuple[float, ...] = (0, 0, 0), rpy: tuple[float, ...] = (0, 0, 0)):
+def moved(arm, q, xyz=(0, 0, 0), rpy=(0, 0, 0)):
     """The tcp's pose at q, shifted in the base's axes and turned in its own."""
-    here = arm.forward_kinematics(q)
-    turned = here * pp.pose((0, 0, 0), rpy)
-    turned.translation = here.translation + np.array(xyz)
-    return turned
+    pose = arm.forward_kinematics(q) * pp.pose((0, 0, 0), rpy)
+    pose.translation = pose.translation + np.array(xyz)
+    return pose
 
 
-def _assert_follows(
-    move: pp.planning.LinearPlanResult,
-    checker: pp.CollisionChecker,
-    start: np.ndarray,
-    target,
-    metres: float,
-    radians: float,
-) -> None:
+def off_the_line(arm, start, target, path, shares=997):
+    """(N, 2) distances (m) and angles (rad) of the tcp from the line at equal shares."""
+    first, s = arm.forward_kinematics(start), np.linspace(0, 1, shares)
+    return np.array([twist_size(interpolate(first, target, x), arm.forward_kinematics(path(x))) for x in s])
+
+
+def assert_follows(move, checker, start, target, metres=1e-3, radians=1e-2):
     arm, path = checker.arm, move.or_raise().path
-    first = arm.forward_kinematics(start)
     assert np.array_equal(path.start, start)
     assert max(twist_size(arm.forward_kinematics(path.end), target)) < 2e-6
-    assert move.fraction == 1.0
+    assert (move.status, move.fraction) == (LinearStatus.COMPLETE, 1.0)
     assert move.certificate.matches(path, arm, checker.scene)
     assert_free(path, checker)
-    off = np.array(
-        [twist_size(interpolate(first, target, s), arm.forward_kinematics(path(s))) for s in np.linspace(0, 1, 997)]
-    )
-    assert off[:, 0].max() <= metres
-    assert off[:, 1].max() <= radians
-    assert move.deviation <= metres
-    assert move.rotation_deviation <= radians
+    assert (off_the_line(arm, start, target, path).max(axis=0) <= [metres, radians]).all()
+    assert (move.deviation <= metres, move.rotation_deviation <= radians) == (True, True)
 
 
-@pytest.mark.parametrize("xyz", [(0, 0, 0.15), (0.1, -0.1, -0.05), (-0.15, 0.2, 0.0)])
-def test_a_translation(ur5: pp.Arm, free: pp.CollisionChecker, xyz: tuple[float, ...]) -> None:
-    target = _moved(ur5, READY, xyz)
-    _assert_follows(pp.plan_linear(free, READY, target), free, READY, target, 1e-3, 1e-2)
-
-
-@pytest.mark.parametrize("rpy", [(0, 0, 1.0), (0.4, 0, 0), (0.2, -0.3, 0.5)])
-def test_a_pure_rotation_keeps_the_point(ur5: pp.Arm, free: pp.CollisionChecker, rpy: tuple[float, ...]) -> None:
-    target = _moved(ur5, READY, rpy=rpy)
+@pytest.mark.parametrize(
+    ("xyz", "rpy"),
+    [
+        ((0, 0, 0.15), (0, 0, 0)), ((0.1, -0.1, -0.05), (0, 0, 0)), ((-0.15, 0.2, 0.0), (0, 0, 0)),
+        ((0, 0, 0), (0, 0, 1.0)), ((0, 0, 0), (0.4, 0, 0)), ((0, 0, 0), (0.2, -0.3, 0.5)), ((0, 0, 0), (0, 0, np.pi)),
+        ((-0.75, 0.05, 0.0), (0, 0, 0)),  # the wrist passes outside the shoulder's offset
+    ],
+)  # fmt: skip
+def test_translations_rotations_and_lines_past_the_shoulder_are_followed_without_a_jump(ur5, free, xyz, rpy):
+    target = moved(ur5, READY, xyz, rpy)
     move = pp.plan_linear(free, READY, target)
-    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
-    here = ur5.forward_kinematics(READY).translation
-    for s in np.linspace(0, 1, 101):
-        assert np.linalg.norm(ur5.forward_kinematics(move.path(s)).translation - here) < 1e-3
+    assert_follows(move, free, READY, target)
+    if rpy[2] == np.pi:
+        assert abs(move.path.end - move.path.start).max() == pytest.approx(np.pi, abs=1e-5)
+    assert np.abs(np.diff(move.path(np.linspace(0, 1, 20_001)), axis=0)).max() < 1e-3
+    again = pp.plan_linear(free, READY, target)
+    assert again.path.q.tobytes() == move.path.q.tobytes()
 
 
-def test_half_a_turn(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, rpy=(0, 0, np.pi))
-    move = pp.plan_linear(free, READY, target)
-    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
-    assert abs(move.path.end - move.path.start).max() == pytest.approx(np.pi, abs=1e-5)
+@pytest.mark.parametrize(
+    ("name", "change", "xyz", "rpy"),
+    [
+        ("panda", {}, (0.1, 0.1, -0.2), (0, 0, 0)),
+        ("stanford", {4: 0.8}, (0.03, 0.05, 0.02), (0, 0.1, 0.2)),  # away from the wrist's singularity
+        ("scara", {0: 0.2, 1: 0.2, 2: 0.2, 3: 0.2}, (-0.05, 0.05, 0.03), (0, 0, 0.4)),
+    ],
+)
+def test_other_arms_follow_lines(name, change, xyz, rpy):
+    arm = pp.load_robot(name).arm()
+    checker, start = pp.CollisionChecker(arm), arm.home.copy()
+    for joint, value in change.items():
+        start[joint] = value + (arm.home[joint] if name == "scara" else 0.0)
+    target = moved(arm, start, xyz, rpy)
+    assert_follows(pp.plan_linear(checker, start, target), checker, start, target)
+    if name == "scara":  # which has no tilt to give
+        assert not pp.plan_linear(checker, start, moved(arm, start, (0, 0, 0), (0.3, 0, 0))).ok
 
 
-def test_a_tighter_deviation_holds(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.1, 0.15, 0.1), (0, 0, 0.5))
-    loose = pp.plan_linear(free, READY, target, translation_step=0.2, rotation_step=1.0, deviation=1e-2)
-    tight = pp.plan_linear(free, READY, target, translation_step=0.2, rotation_step=1.0, deviation=2e-6)
+def test_a_tighter_deviation_holds_and_the_reported_one_is_a_bound(ur5, free):
+    target = moved(ur5, READY, (0.1, 0.15, 0.1), (0, 0, 0.5))
+    wide = {"translation_step": 0.2, "rotation_step": 1.0}
+    loose = pp.plan_linear(free, READY, target, **wide, deviation=1e-2)
+    tight = pp.plan_linear(free, READY, target, **wide, deviation=2e-6)
     assert len(tight.path.knots) > len(loose.path.knots)
-    _assert_follows(tight, free, READY, target, 2.5e-6, 1e-2)
-
-
-def test_a_tighter_rotation_deviation_holds(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.1, 0.15, 0.1), (0.2, -0.3, 0.5))
+    assert_follows(tight, free, READY, target, 2.5e-6)
+    target = moved(ur5, READY, (0.1, 0.15, 0.1), (0.2, -0.3, 0.5))
     coarse = {"translation_step": 1.0, "rotation_step": 1.0, "deviation": 1.0, "max_joint_step": 1.0}
     loose = pp.plan_linear(free, READY, target, **coarse, rotation_deviation=1.0)
-    tight = pp.plan_linear(free, READY, target, **coarse, rotation_deviation=1e-4)
     assert loose.or_raise().rotation_deviation > 1e-3
-    _assert_follows(tight, free, READY, target, 1.0, 1.2e-4 + 1e-6)
+    tight = pp.plan_linear(free, READY, target, **coarse, rotation_deviation=1e-4)
+    assert_follows(tight, free, READY, target, 1.0, 1.2e-4 + 1e-6)
+    target = moved(ur5, READY, (0.1, 0.25, 0.1), (0, 0.4, 0.3))
+    for deviation in (1e-2, 1e-3, 1e-5):
+        move = pp.plan_linear(free, READY, target, deviation=deviation).or_raise()
+        assert off_the_line(ur5, READY, target, move.path, 701)[:, 0].max() <= move.deviation <= deviation
 
 
-def test_start_is_target(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_start_is_target(ur5, free):
     move = pp.plan_linear(free, READY, ur5.forward_kinematics(READY)).or_raise()
-    assert move.status is LinearStatus.COMPLETE
-    assert move.fraction == 1.0
+    assert (move.status, move.fraction) == (LinearStatus.COMPLETE, 1.0)
     assert np.abs(move.path(np.linspace(0, 1, 50)) - READY).max() < 1e-6
 
 
-def test_panda(panda: pp.Arm) -> None:
-    checker = pp.CollisionChecker(panda)
-    target = _moved(panda, panda.home, (0.1, 0.1, -0.2))
-    _assert_follows(pp.plan_linear(checker, panda.home, target), checker, panda.home, target, 1e-3, 1e-2)
+@pytest.mark.parametrize("bound", [0.05, 0.3, np.inf])
+def test_joint_steps_between_solved_poses_are_bounded_unless_the_bound_is_infinite(ur5, free, bound):
+    target = moved(ur5, READY, (0.1, 0.25, 0.1))
+    without = {"deviation": np.inf, "rotation_deviation": np.inf} if np.isinf(bound) else {}
+    move = pp.plan_linear(free, READY, target, max_joint_step=bound, **without).or_raise()
+    assert np.abs(np.diff(move.path.q, axis=0)).max() <= bound
+    assert len(move.path.q) <= len(pp.plan_linear(free, READY, target).or_raise().path.q) or bound < 0.3
 
 
-def test_out_of_reach_reports_distance_and_reason(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    move = pp.plan_linear(free, READY, _moved(ur5, READY, (1.0, 0, 0)))
-    assert move.status is LinearStatus.UNREACHABLE
-    assert not move.ok
-    assert not move.ok
+# -- where a move stops ------------------------------------------------------------------------------------------------
+
+
+def test_what_is_out_of_reach_is_reported_with_fraction_and_reason(ur5, free, generic):
+    move = pp.plan_linear(free, READY, moved(ur5, READY, (1.0, 0, 0)))
+    assert (move.status, move.ok) == (LinearStatus.UNREACHABLE, False)
     assert 0.2 < move.fraction < 0.6
-    assert "mm" in move.message
-    assert "short" in move.message
-    assert "singular value" in move.message
+    for words in ("mm", "short", "singular value"):
+        assert words in move.message
     with pytest.raises(pp.errors.PlanFailed, match="of the line"):
         move.or_raise()
-
-
-def test_a_stretched_arm_with_a_target_further_out(generic: pp.Arm) -> None:
-    stretched = np.zeros(6)
-    stretched[4] = 0.7  # the wrist bent, shoulder and elbow in one line
-    checker = pp.CollisionChecker(generic)
-    move = pp.plan_linear(checker, stretched, _moved(generic, stretched, (0.1, 0, 0)))
-    assert move.status is LinearStatus.UNREACHABLE
-    assert move.fraction == 0.0
+    # The wrist cannot come nearer to the shoulder's axis than the arm's offset: the line ends at a singularity.
+    move = pp.plan_linear(free, READY, moved(ur5, READY, (-0.75, -0.2, 0.2)))
+    assert (move.status, "singular value" in move.message) == (LinearStatus.UNREACHABLE, True)
+    assert 0.5 < move.fraction < 0.6
+    stretched = np.array([0, 0, 0, 0, 0.7, 0])  # the wrist bent, shoulder and elbow in one line
+    move = pp.plan_linear(pp.CollisionChecker(generic), stretched, moved(generic, stretched, (0.1, 0, 0)))
+    assert (move.status, move.fraction) == (LinearStatus.UNREACHABLE, 0.0)
     assert "stops at 0 %" in move.message
 
 
-def test_a_joint_at_its_limit_is_named() -> None:
-    arm = ball_arm(("x", "y"))
-    target = pp.pose((0.5, 1.4, 0.0))
-    move = pp.plan_linear(pp.CollisionChecker(arm), (0.5, 0.0), target)
-    assert move.status is LinearStatus.LIMIT
-    assert move.joints == ("y",)
-    assert move.fraction == pytest.approx(1.0 / 1.4, abs=0.02)
-    assert "y at the limit" in move.message
+def box(name, sides, at):
+    return pp.Obstacle(name, pp.Box(*sides), pp.pose((*at, 0.0)))
 
 
-def test_a_joint_that_would_have_to_go_round_is_at_its_limit(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    # One joint more than this it may not turn; the same pose is reached a whole turn back.
-    start = READY.copy()
-    start[5] = ur5.limits.upper[5] - 0.3
-    move = pp.plan_linear(free, start, _moved(ur5, start, rpy=(0, 0, 1.0)))
-    assert move.status is LinearStatus.LIMIT
-    assert move.joints == ("wrist_3_joint",)
-    assert 0.1 < move.fraction < 0.31
-    assert "wrist_3_joint" in move.message
-    assert "limit" in move.message
+@pytest.mark.parametrize(
+    ("obstacle", "start", "goal", "status", "fraction", "words"),
+    [
+        (None, (0.5, 0.0), (0.5, 1.4), "LIMIT", 1.0 / 1.4, "y at the limit"),
+        (None, (1.5, 0.0), (0.5, 0.0), "LIMIT", 0.0, "x = 1.5"),
+        # the ball's face at the wall's
+        (box("wall", (0.1, 1.0, 1.0), (0.407, 0.0)), (-0.6, 0.0), (0.9, 0.0), "CONTACT", 0.907 / 1.5, "wall"),
+        # before the limit
+        (box("wall", (1.0, 0.1, 1.0), (0.0, 0.507)), (0.0, 0.0), (0.0, 1.4), "CONTACT", 0.407 / 1.4, "wall"),
+        (box("wall", (0.1, 1.0, 1.0), (0.4, 0.0)), (0.4, 0.0), (-0.9, 0.0), "CONTACT", 0.0, "wall"),
+        (box("plate", (0.0005, 1.0, 1.0), (0.013, 0.0)), (-0.6, 0.0), (0.9, 0.0), "CONTACT", 0.56275 / 1.5, "plate"),
+    ],
+)
+def test_limits_and_contacts_are_named_where_they_stop_a_move(gantry, obstacle, start, goal, status, fraction, words):
+    checker = pp.CollisionChecker(gantry, pp.Scene([] if obstacle is None else [obstacle]))
+    move = pp.plan_linear(checker, start, pp.pose((*goal, 0.0)))
+    assert (move.status.name, move.ok) == (status, False)
+    assert words in move.message
+    assert move.fraction == pytest.approx(fraction, abs=0.02 if status == "LIMIT" else 1e-3)
+    if status == "LIMIT":
+        assert move.joints == (words[0],)
+    else:
+        assert move.fraction <= fraction
+        assert move.certificate is None or move.certificate.status is pp.CertificateStatus.COLLIDING
 
 
-def test_the_curve_keeps_the_limits_between_the_solved_poses(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target, coarse = _moved(ur5, READY, (0.0, -0.5, 0.0)), {"translation_step": 1.0, "deviation": 0.2}
-    path = pp.plan_linear(free, READY, target, **coarse, max_joint_step=2.0).or_raise().path
-    seen, between = path.q.max(axis=0), path(np.linspace(0, 1, 1001)).max(axis=0)
-    joint = int((between - seen).argmax())
-    assert between[joint] > seen[joint] + 1e-3  # the joint turns back between two solved poses
-    upper = (between[joint] + seen[joint]) / 2
-    limits = ur5.limits.replace(ur5.joint_names, {ur5.joint_names[joint]: (ur5.limits.lower[joint], upper)})
-    checker = pp.CollisionChecker(ur5.with_limits(limits))
-    move = pp.plan_linear(checker, READY, target, **coarse, max_joint_step=2.0)
-    assert move.status is LinearStatus.LIMIT
-    assert move.joints == (ur5.joint_names[joint],)
-    assert ur5.joint_names[joint] in move.message
-
-
-def test_a_start_outside_its_limits() -> None:
-    arm = ball_arm(("x", "y"))
-    move = pp.plan_linear(pp.CollisionChecker(arm), (1.5, 0.0), pp.pose((0.5, 0.0, 0.0)))
-    assert move.status is LinearStatus.LIMIT
-    assert move.joints == ("x",)
-    assert move.fraction == 0.0
-    assert "x = 1.5" in move.message
-
-
-def test_a_start_within_rounding_of_its_limit_starts_at_the_limit() -> None:
-    arm = ball_arm(("x", "y"))
-    move = pp.plan_linear(pp.CollisionChecker(arm), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
+def test_a_start_within_rounding_of_its_limit_starts_at_the_limit(gantry):
+    move = pp.plan_linear(pp.CollisionChecker(gantry), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
     assert move.status is LinearStatus.COMPLETE
     assert move.path.q[0].tolist() == [1.0, 0.0]
 
 
-def test_a_contact_on_the_path_is_reported_with_bodies_and_parameter() -> None:
-    arm = ball_arm(("x", "y"))
-    wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.407, 0.0, 0.0)))
-    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
-    assert move.status is LinearStatus.CONTACT
-    assert not move.ok
-    assert "wall" in move.message
-    assert move.fraction == pytest.approx((0.6 + 0.407 - 0.05 - 0.05) / 1.5, abs=1e-3)  # the ball's face at the wall's
-    assert move.fraction <= (0.6 + 0.307) / 1.5
-    assert move.certificate.status is pp.CertificateStatus.COLLIDING
+def test_a_joint_that_would_have_to_go_round_is_at_its_limit(ur5, free):
+    # One joint more than this it may not turn; the same pose is reached a whole turn back.
+    start = READY.copy()
+    start[5] = ur5.limits.upper[5] - 0.3
+    move = pp.plan_linear(free, start, moved(ur5, start, rpy=(0, 0, 1.0)))
+    assert (move.status, move.joints) == (LinearStatus.LIMIT, ("wrist_3_joint",))
+    assert 0.1 < move.fraction < 0.31
+    assert ("wrist_3_joint" in move.message, "limit" in move.message) == (True, True)
 
 
-def test_a_contact_before_the_limit_is_what_stops_it() -> None:
-    arm = ball_arm(("x", "y"))
-    wall = pp.Obstacle("wall", pp.Box(1.0, 0.1, 1.0), pp.pose((0.0, 0.507, 0.0)))
-    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (0.0, 0.0), pp.pose((0.0, 1.4, 0.0)))
-    assert move.status is LinearStatus.CONTACT
-    assert "wall" in move.message
-    assert move.fraction == pytest.approx(0.407 / 1.4, abs=1e-3)
-
-
-def test_a_start_in_contact() -> None:
-    arm = ball_arm(("x", "y"))
-    wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.4, 0.0, 0.0)))
-    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (0.4, 0.0), pp.pose((-0.9, 0.0, 0.0)))
-    assert move.status is LinearStatus.CONTACT
-    assert move.fraction == 0.0
-
-
-def test_a_thin_plate_across_the_line_is_not_missed() -> None:
-    arm = ball_arm(("x", "y"))
-    plate = pp.Obstacle("plate", pp.Box(0.0005, 1.0, 1.0), pp.pose((0.013, 0.0, 0.0)))
-    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([plate])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
-    assert move.status is LinearStatus.CONTACT
-
-
-@pytest.mark.parametrize("bound", [0.05, 0.3])
-def test_joint_steps_between_solved_poses_are_bounded(ur5: pp.Arm, free: pp.CollisionChecker, bound: float) -> None:
-    target = _moved(ur5, READY, (0.1, 0.25, 0.1))
-    move = pp.plan_linear(free, READY, target, max_joint_step=bound).or_raise()
-    assert np.abs(np.diff(move.path.q, axis=0)).max() <= bound
-
-
-def test_past_the_shoulder_axis_without_a_jump(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    # The wrist passes outside the shoulder's offset.
-    target = _moved(ur5, READY, (-0.75, 0.05, 0.0))
-    move = pp.plan_linear(free, READY, target)
-    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
-    assert np.abs(np.diff(move.path(np.linspace(0, 1, 20_001)), axis=0)).max() < 1e-3
-
-
-def test_through_the_shoulder_axis_is_an_honest_no(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    # The wrist cannot come nearer to the shoulder's axis than the arm's offset: the line ends at a singularity.
-    move = pp.plan_linear(free, READY, _moved(ur5, READY, (-0.75, -0.2, 0.2)))
-    assert move.status is LinearStatus.UNREACHABLE
-    assert 0.5 < move.fraction < 0.6
-    assert "singular value" in move.message
-
-
-def test_same_question_same_answer(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.1, -0.1, -0.05))
-    one, other = (pp.plan_linear(free, READY, target) for _ in range(2))
-    assert one.path.q.tobytes() == other.path.q.tobytes()
-
-
-@pytest.mark.parametrize(
-    "name", ["deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"]
-)
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
-def test_settings_that_make_no_sense(ur5: pp.Arm, free: pp.CollisionChecker, name: str, value: float) -> None:
-    with pytest.raises(pp.InputError, match=name):
-        pp.plan_linear(free, READY, ur5.forward_kinematics(READY), **{name: value})
-
-
-def test_infinite_settings_remove_their_limits(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.1, 0.25, 0.1))
-    settings = dict.fromkeys(("deviation", "rotation_deviation", "max_joint_step"), np.inf)
-    move = pp.plan_linear(free, READY, target, **settings).or_raise()
-    assert len(move.path.q) <= len(pp.plan_linear(free, READY, target).or_raise().path.q)
-
-
-def test_a_target_that_is_not_rigid(free: pp.CollisionChecker) -> None:
-    with pytest.raises(pp.InputError, match="target"):
-        pp.plan_linear(free, READY, np.zeros((4, 4)))
-
-
-# -- other tasks, other arms ------------------------------------------------------------------------------------------
-
-
-def test_the_reported_deviation_is_a_bound(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.1, 0.25, 0.1), (0, 0.4, 0.3))
-    for deviation in (1e-2, 1e-3, 1e-5):
-        move = pp.plan_linear(free, READY, target, deviation=deviation).or_raise()
-        first = ur5.forward_kinematics(READY)
-        off = [twist_size(interpolate(first, target, s), ur5.forward_kinematics(move.path(s)))[0]
-               for s in np.linspace(0, 1, 1501)]  # fmt: skip
-        assert max(off) <= move.deviation <= deviation
-
-
-def test_an_arm_of_few_joints_keeps_its_tip_on_the_line() -> None:
-    arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
-    checker = pp.CollisionChecker(arm)
-    start = READY[:4]
-    target = _moved(arm, start, (0.05, 0.1, 0.1))
-    assert not pp.plan_linear(checker, start, target).ok  # it cannot keep its orientation
-    move = pp.plan_linear(checker, start, target, task="position").or_raise()
-    a, b = arm.forward_kinematics(start).translation, target.translation
-    for s in np.linspace(0, 1, 301):
-        assert np.linalg.norm(arm.forward_kinematics(move.path(s)).translation - (a + s * (b - a))) <= move.deviation
-
-
-def test_a_free_spin_rotates_the_axis_by_the_smallest_angle(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (0.05, 0.1, 0.0), (0.3, 0.0, 2.9))
-    move = pp.plan_linear(free, READY, target, task="spin_z").or_raise()
-    first, last = (ur5.forward_kinematics(q) for q in (READY, move.path.end))
-    assert np.linalg.norm(last.translation - target.translation) < 2e-6
-    assert np.linalg.norm(last.rotation[:, 2] - target.rotation[:, 2]) < 2e-6
-    a, b = first.rotation[:, 2], target.rotation[:, 2]
-    normal = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
-    for s in np.linspace(0, 1, 201):
-        axis = ur5.forward_kinematics(move.path(s)).rotation[:, 2]
-        assert abs(axis @ normal) <= move.rotation_deviation + 1e-9  # in the plane of both
-    assert np.abs(move.path.end - move.path.start).max() < 1.0  # no need to spin by 2.9
-
-
-def test_orientation_alone_may_go_anywhere(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(ur5, READY, (5.0, 5.0, 5.0), (0.3, 0.2, 0.5))  # far out of reach, but who asks
-    move = pp.plan_linear(free, READY, target, task="orientation").or_raise()
-    assert twist_size(ur5.forward_kinematics(move.path.end), target)[1] < 2e-6
-
-
-def test_a_scara_has_no_tilt_to_give() -> None:
-    arm = pp.load_robot("scara").arm()
-    checker = pp.CollisionChecker(arm)
-    start = arm.home + 0.2
-    target = _moved(arm, start, (-0.05, 0.05, 0.03), (0, 0, 0.4))
-    _assert_follows(pp.plan_linear(checker, start, target), checker, start, target, 1e-3, 1e-2)
-    assert not pp.plan_linear(checker, start, _moved(arm, start, (0, 0, 0), (0.3, 0, 0))).ok
-
-
-def test_a_prismatic_arm() -> None:
-    arm = pp.load_robot("stanford").arm()
-    checker = pp.CollisionChecker(arm)
-    start = arm.home.copy()
-    start[4] = 0.8  # away from the wrist's singularity
-    target = _moved(arm, start, (0.03, 0.05, 0.02), (0, 0.1, 0.2))
-    _assert_follows(pp.plan_linear(checker, start, target), checker, start, target, 1e-3, 1e-2)
-
-
-def test_a_redundant_arm_moves_smoothly_all_along(panda: pp.Arm) -> None:
-    checker = pp.CollisionChecker(panda)
-    move = pp.plan_linear(checker, panda.home, _moved(panda, panda.home, (0.1, 0.25, 0.05), (0, 0, 0.5))).or_raise()
-    rate = np.diff(move.path(np.linspace(0, 1, 2001)), axis=0) * 2000
-    assert np.abs(np.diff(rate, axis=0)).max() < 0.02 * np.abs(rate).max()  # no kink
-    assert np.abs(np.diff(rate, axis=0)).sum(axis=0).max() < 6 * np.abs(rate).max()  # and no wobble
-
-
-def test_a_redundant_arm_moves_along_a_joint_limit() -> None:
-    # The shortest path of the seven joints leads the second one to its limit; there is another.
-    arm = pp.load_robot("iiwa14").arm()
-    start = np.array([0.07, 1.887, -2.112, 1.879, -1.117, -0.321, 2.002])
-    target = pp.pose((0.123, 0.53, -0.146), (-2.727, 0.912, -0.141))
-    checker = pp.CollisionChecker(arm)
-    move = pp.plan_linear(checker, start, target)
-    _assert_follows(move, checker, start, target, 1e-3, 1e-2)
-    assert arm.limits.upper[1] - move.path(np.linspace(0, 1, 500))[:, 1].max() < 3e-3
-
-
-def test_inward_from_a_stretched_arm() -> None:
-    # Elbow straight: a singularity that hides the very direction asked for.
-    arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
-    start = np.array([0.0, -0.7, 0.0, 0.0])
-    checker = pp.CollisionChecker(arm)
-    assert np.linalg.svd(arm.jacobian(start)[:3], compute_uv=False)[-1] < 1e-6
-    here = arm.forward_kinematics(start).translation
-    shoulder = arm.forward_kinematics(np.array([0.0, -0.7, np.pi, 0.0])).translation
-    target = pp.pose(here + 0.1 * (shoulder - here) / np.linalg.norm(shoulder - here))
-    move = pp.plan_linear(checker, start, target, task="position", deviation=2e-3)
-    assert np.linalg.norm(arm.forward_kinematics(move.or_raise().path.end).translation - target.translation) < 2e-6
-
-
-def test_a_continuous_joint_moves_beyond_pi() -> None:
-    arm = pp.load_robot("kinova").arm()
-    assert np.isinf(arm.limits.upper).any()
-    start = arm.home.copy()
-    start[-1] = 3.0
-    checker = pp.CollisionChecker(arm)
-    ends = []
-    for turn in (0.6, -0.6):
-        move = pp.plan_linear(checker, start, _moved(arm, start, rpy=(0, 0, turn))).or_raise()
-        assert np.abs(np.diff(move.path.q, axis=0)).max() <= 0.3
-        ends.append(move.path.end[-1])
-    assert max(ends) > np.pi
-
-
-@pytest.mark.parametrize("task", [pp.ik.IkTask(x=False), pp.ik.IkTask(rx=False, ry=False), "nonsense"])
-def test_a_task_that_no_line_leads_to_is_refused(ur5: pp.Arm, free: pp.CollisionChecker, task: object) -> None:
-    with pytest.raises(pp.PinproofError):
-        pp.plan_linear(free, READY, ur5.forward_kinematics(READY), task=task)
+def test_the_curve_keeps_the_limits_between_the_solved_poses(ur5, free):
+    target = moved(ur5, READY, (0.0, -0.5, 0.0))
+    coarse = {"translation_step": 1.0, "deviation": 0.2, "max_joint_step": 2.0}
+    path = pp.plan_linear(free, READY, target, **coarse).or_raise().path
+    seen, between = path.q.max(axis=0), path(np.linspace(0, 1, 1001)).max(axis=0)
+    joint = int((between - seen).argmax())
+    assert between[joint] > seen[joint] + 1e-3  # the joint turns back between two solved poses
+    name, upper = ur5.joint_names[joint], (between[joint] + seen[joint]) / 2
+    limits = ur5.limits.replace(ur5.joint_names, {name: (ur5.limits.lower[joint], upper)})
+    move = pp.plan_linear(pp.CollisionChecker(ur5.with_limits(limits)), READY, target, **coarse)
+    assert (move.status, move.joints) == (LinearStatus.LIMIT, (name,))
+    assert name in move.message
 
 
 @pytest.mark.parametrize("gap", [1e-7, -1e-4])
-def test_a_line_stops_where_it_is_no_longer_proven(gantry: pp.Arm, gap: float) -> None:
+def test_a_line_stops_where_it_is_no_longer_proven(gantry, gap):
     """A small ball is beside the line; whether it is touched is not decided at 0.1 um."""
     post = pp.Obstacle("post", pp.Sphere(0.01), pp.pose((0.09, 0.06 + gap, 0)))
     checker = pp.CollisionChecker(gantry, pp.Scene([post]))
@@ -399,14 +209,237 @@ def test_a_line_stops_where_it_is_no_longer_proven(gantry: pp.Arm, gap: float) -
     assert checker.is_free_batch(path(np.linspace(0.0, until, 500))).all()
 
 
-def test_the_reason_of_a_stop_is_that_of_the_task() -> None:
-    """Four joints reach the next position with a larger step, but not the next pose."""
+@pytest.mark.parametrize(
+    ("call", "settings", "named"),
+    [
+        *(
+            (pp.plan_linear, {name: value}, name)
+            for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step")
+            for value in (0.0, -1.0, float("nan"))
+        ),
+        (pp.plan_linear, {"target": np.zeros((4, 4))}, "target"),
+        *(
+            (pp.plan_linear, {"task": task}, "task|Task|select")
+            for task in (IkTask(x=False), IkTask(rx=False, ry=False), "nonsense")
+        ),
+        (plan_poses, {"poses": []}, "no pose"),
+        (plan_poses, {"rounding": -1.0}, "rounding"),
+    ],
+)
+def test_settings_that_make_no_sense(ur5, free, call, settings, named):
+    here = ur5.forward_kinematics(READY)
+    request = {"target": here} if call is pp.plan_linear else {"poses": [here]}
+    with pytest.raises(pp.InputError, match=named):
+        call(free, READY, **{**request, **settings})
+
+
+# -- other tasks, other arms -------------------------------------------------------------------------------------------
+
+
+def test_an_arm_of_few_joints_keeps_its_tip_on_the_line_and_the_reason_of_a_stop_is_that_of_the_task():
     arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
-    start = READY[:4]
-    route = Route.straight(arm.forward_kinematics(start), _moved(arm, start, (0.05, 0.1, 0.1)))
+    checker, start = pp.CollisionChecker(arm), READY[:4]
+    target = moved(arm, start, (0.05, 0.1, 0.1))
+    assert not pp.plan_linear(checker, start, target).ok  # it cannot keep its orientation
+    move = pp.plan_linear(checker, start, target, task="position").or_raise()
+    a, b, s = arm.forward_kinematics(start).translation, target.translation, np.linspace(0, 1, 301)
+    places = arm.forward_kinematics_batch(move.path(s))[:, :3, 3]
+    assert np.linalg.norm(places - (a + s[:, None] * (b - a)), axis=1).max() <= move.deviation
+    # The four joints reach the next position with a larger step, but not the next pose.
+    route = Route.straight(arm.forward_kinematics(start), target)
     settings = {"deviation": 1e-3, "rotation_deviation": 1e-2, "translation_step": 0.05, "rotation_step": 0.2}
-    statuses = []
-    for task in (IkTask(rx=False, ry=False, rz=False), IkTask()):
+    for task, status in (
+        (IkTask(rx=False, ry=False, rz=False), LinearStatus.JUMP),
+        (IkTask(), LinearStatus.UNREACHABLE),
+    ):
         follower = RouteFollower(arm=arm, task=task, max_joint_step=0.3, **settings)
-        statuses.append(follower._reason(route, 0.0, 0.3, start, np.zeros(4, dtype=bool))[0])
-    assert statuses == [LinearStatus.JUMP, LinearStatus.UNREACHABLE]
+        assert follower._reason(route, 0.0, 0.3, start, np.zeros(4, dtype=bool))[0] is status
+
+
+def test_a_free_spin_rotates_the_axis_by_the_smallest_angle(ur5, free):
+    target = moved(ur5, READY, (0.05, 0.1, 0.0), (0.3, 0.0, 2.9))
+    move = pp.plan_linear(free, READY, target, task="spin_z").or_raise()
+    first, last = (ur5.forward_kinematics(q) for q in (READY, move.path.end))
+    assert np.linalg.norm(last.translation - target.translation) < 2e-6
+    a, b = first.rotation[:, 2], target.rotation[:, 2]
+    assert np.linalg.norm(last.rotation[:, 2] - b) < 2e-6
+    normal = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
+    axes = ur5.forward_kinematics_batch(move.path(np.linspace(0, 1, 201)))[:, :3, 2]
+    assert np.abs(axes @ normal).max() <= move.rotation_deviation + 1e-9  # in the plane of both
+    assert np.abs(move.path.end - move.path.start).max() < 1.0  # no need to spin by 2.9
+
+
+def test_orientation_alone_may_go_anywhere(ur5, free):
+    target = moved(ur5, READY, (5.0, 5.0, 5.0), (0.3, 0.2, 0.5))  # far out of reach, but who asks
+    move = pp.plan_linear(free, READY, target, task="orientation").or_raise()
+    assert twist_size(ur5.forward_kinematics(move.path.end), target)[1] < 2e-6
+
+
+def test_a_redundant_arm_moves_smoothly_all_along(panda):
+    target = moved(panda, panda.home, (0.1, 0.25, 0.05), (0, 0, 0.5))
+    move = pp.plan_linear(pp.CollisionChecker(panda), panda.home, target).or_raise()
+    rate = np.diff(move.path(np.linspace(0, 1, 2001)), axis=0) * 2000
+    assert np.abs(np.diff(rate, axis=0)).max() < 0.02 * np.abs(rate).max()  # no kink
+    assert np.abs(np.diff(rate, axis=0)).sum(axis=0).max() < 6 * np.abs(rate).max()  # and no wobble
+
+
+def test_a_redundant_arm_moves_along_a_joint_limit():
+    # The shortest path of the seven joints leads the second one to its limit; there is another.
+    arm = pp.load_robot("iiwa14").arm()
+    start = np.array([0.07, 1.887, -2.112, 1.879, -1.117, -0.321, 2.002])
+    target, checker = pp.pose((0.123, 0.53, -0.146), (-2.727, 0.912, -0.141)), pp.CollisionChecker(arm)
+    move = pp.plan_linear(checker, start, target)
+    assert_follows(move, checker, start, target)
+    assert arm.limits.upper[1] - move.path(np.linspace(0, 1, 500))[:, 1].max() < 3e-3
+
+
+def test_inward_from_a_stretched_arm():
+    # Elbow straight: a singularity that hides the very direction asked for.
+    arm, start = pp.load_robot("ur5").arm(tcp="wrist_1_link"), np.array([0.0, -0.7, 0.0, 0.0])
+    assert np.linalg.svd(arm.jacobian(start)[:3], compute_uv=False)[-1] < 1e-6
+    here, shoulder = (arm.forward_kinematics(q).translation for q in (start, [0, -0.7, np.pi, 0]))
+    target = pp.pose(here + 0.1 * (shoulder - here) / np.linalg.norm(shoulder - here))
+    move = pp.plan_linear(pp.CollisionChecker(arm), start, target, task="position", deviation=2e-3)
+    assert np.linalg.norm(arm.forward_kinematics(move.or_raise().path.end).translation - target.translation) < 2e-6
+
+
+def test_a_continuous_joint_moves_beyond_pi():
+    arm = pp.load_robot("kinova").arm()
+    assert np.isinf(arm.limits.upper).any()
+    start, checker, ends = np.array([*arm.home[:-1], 3.0]), pp.CollisionChecker(arm), []
+    for turn in (0.6, -0.6):
+        move = pp.plan_linear(checker, start, moved(arm, start, rpy=(0, 0, turn))).or_raise()
+        assert np.abs(np.diff(move.path.q, axis=0)).max() <= 0.3
+        ends.append(move.path.end[-1])
+    assert max(ends) > np.pi
+
+
+# -- sequences of poses: stops or roundings at the corners, the index where it ends, the branch ------------------------
+
+
+def square(arm, q=READY):
+    """Four poses around the tcp's at q, the second turned."""
+    places = ((0.1, 0, 0), 0), ((0.1, 0.1, 0), 0.5), ((0.1, 0.1, -0.1), 0), ((0, 0, 0), 0)
+    return [moved(arm, q, xyz, (0, 0, turn)) for xyz, turn in places]
+
+
+def off_the_lines(arm, line, path):
+    """How far (m) the tcp is from the polyline through the poses, at most."""
+    points = arm.forward_kinematics_batch(path(np.linspace(*path.domain, 1501)))[:, :3, 3]
+    nearest = np.full(len(points), np.inf)
+    for first, last in pairwise(line):
+        a, ab = first.translation, last.translation - first.translation
+        share = np.clip((points - a) @ ab / (ab @ ab), 0, 1)
+        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * ab, axis=1))
+    return float(nearest.max())
+
+
+def test_every_pose_is_a_stop_and_met_along_the_lines_of_linear_moves(ur5, free):
+    poses = square(ur5)
+    move = plan_poses(free, READY, poses).or_raise()
+    assert (move.reached, move.fraction, len(move.path.corners)) == (3, 1.0, 3)
+    assert np.array_equal(move.path.start, READY)
+    stops = [ur5.forward_kinematics(move.path(t)) for t in (*move.path.corners, move.path.domain[1])]
+    assert max(max(twist_size(stop, pose)) for stop, pose in zip(stops, poses, strict=True)) < 3e-6
+    assert off_the_lines(ur5, [ur5.forward_kinematics(READY), *poses], move.path) <= move.deviation <= 1e-3
+    assert move.certificate.matches(move.path, ur5, free.scene)
+    assert_free(move.path, free)
+    begin, end = move.path.corners[:2]
+    off = off_the_line(ur5, move.path(begin), poses[1], lambda s: move.path(begin + s * (end - begin)), 201)
+    assert (off.max(axis=0) <= [1e-3, 1e-2]).all()
+
+
+@pytest.mark.parametrize("rounding", [0.003, 0.02])
+def test_rounded_it_runs_through_and_misses_by_no_more(ur5, free, rounding):
+    poses = square(ur5)
+    move = plan_poses(free, READY, poses, rounding=rounding).or_raise()
+    assert move.path.corners == ()
+    assert off_the_lines(ur5, [ur5.forward_kinematics(READY), *poses], move.path) <= rounding + move.deviation
+    q = move.path(np.linspace(*move.path.domain, 5001))
+    seen = ur5.forward_kinematics_batch(q)[:, :3, 3]
+    for pose in poses[:-1]:
+        missed = np.linalg.norm(seen - pose.translation, axis=1).min()
+        assert 0.2 * rounding < missed <= rounding + move.deviation + 1e-4
+    rate = np.diff(q, axis=0)
+    assert np.abs(np.diff(rate, axis=0)).max() < 0.05 * np.abs(rate).max()  # no kink
+    assert_free(move.path, free)
+    there_and_back = plan_poses(free, READY, [poses[0], poses[3]], rounding=rounding).or_raise()
+    (stop,) = there_and_back.path.corners  # a reversal remains a stop
+    assert max(twist_size(ur5.forward_kinematics(there_and_back.path(stop)), poses[0])) < 3e-6
+
+
+def test_the_pose_at_which_a_move_stops_is_reported_with_the_reason(ur5, free, gantry):
+    poses = square(ur5)
+    move = plan_poses(free, READY, [*poses[:2], moved(ur5, READY, (1.0, 0, 0)), poses[3]])
+    assert (move.status, move.reached, move.ok) == (LinearStatus.UNREACHABLE, 1, False)
+    assert 0 < move.fraction < 1
+    assert "after pose 1" in move.message
+    with pytest.raises(pp.errors.PlanFailed, match="after pose 1"):
+        move.or_raise()
+    checker = pp.CollisionChecker(gantry, pp.Scene([box("wall", (0.1, 0.4, 1.0), (0.5, 0.5))]))
+    for places, status, reached, words in (
+        ([(0.0, 0.5), (0.9, 0.5), (0.9, -0.5)], LinearStatus.CONTACT, 0, "wall"),
+        ([(0, -0.5), (0, -1.5)], LinearStatus.LIMIT, 0, "y"),
+        ([(0, 1.5)], LinearStatus.LIMIT, -1, "before the first pose"),
+    ):
+        move = plan_poses(checker, (0.0, 0.0), [pp.pose((*place, 0)) for place in places])
+        assert (move.status, move.reached, words in move.message) == (status, reached, True)
+        if status is LinearStatus.CONTACT:
+            assert move.fraction == pytest.approx((0.5 + 0.4) / 2.4, abs=1e-3)
+        else:
+            assert move.joints == ("y",)
+    move = plan_poses(free, READY + 9, poses)
+    assert (move.status, move.reached) == (LinearStatus.LIMIT, -1)
+
+
+@pytest.mark.slow
+def test_without_a_start_the_branch_that_gets_to_the_end_is_found(ur5):
+    # A post that only some elbows pass.
+    poses, elbow = square(ur5), ur5.frame_placement(READY, "forearm_link").translation
+    post = pp.Obstacle("post", pp.Box(0.06, 0.06, 0.1), pp.pose(elbow))
+    checker = pp.CollisionChecker(ur5, pp.Scene([post]), trust_disabled=True)
+    assert not checker.is_free(READY)
+    move = plan_poses(checker, None, poses).or_raise()
+    assert move.reached == 3
+    assert max(twist_size(ur5.forward_kinematics(move.path.start), poses[0])) < 1e-6
+    assert_free(move.path, checker)
+    assert plan_poses(checker, None, poses).path.control.tobytes() == move.path.control.tobytes()
+
+
+def test_of_branches_that_get_there_the_quickest_is_taken(ur5, free):
+    poses = square(ur5)
+
+    def time_needed(move):
+        q = move.path(np.linspace(*move.path.domain, 400))
+        return float((np.abs(np.diff(q, axis=0)) / ur5.limits.velocity).max(axis=1).sum())
+
+    best = time_needed(plan_poses(free, None, poses).or_raise())
+    for q in pp.AnalyticIk().solve_all(ur5, poses[0]).branches:
+        other = plan_poses(free, q, poses[1:])
+        assert not other.ok or best <= time_needed(other) * 1.02
+
+
+def test_a_redundant_arm_is_started_from_a_sample_of_its_branches(panda):
+    here = panda.forward_kinematics(panda.home)
+    poses = [here, here * pp.pose((0.1, 0, 0)), here * pp.pose((0.1, 0.1, 0.05))]
+    one, same = (plan_poses(pp.CollisionChecker(panda), None, poses, rng=3).or_raise() for _ in range(2))
+    assert one.path.start.tobytes() == same.path.start.tobytes()
+    assert max(twist_size(panda.forward_kinematics(one.path.start), here)) < 1e-5
+
+
+def test_a_first_pose_that_no_branch_can_take(ur5, free):
+    move = plan_poses(free, None, [pp.pose((3, 0, 0))])
+    assert (move.status, move.reached) == (LinearStatus.UNREACHABLE, -1)
+    tool = ur5.forward_kinematics(READY)
+    block = pp.Obstacle("block", pp.Box(0.3, 0.3, 0.3), pp.pose(tool.translation))
+    move = plan_poses(pp.CollisionChecker(ur5, pp.Scene([block])), None, [tool])
+    assert (move.status, "block" in move.message) == (LinearStatus.CONTACT, True)
+
+
+def test_a_single_pose_and_repeated_ones(ur5, free):
+    here, poses = ur5.forward_kinematics(READY), square(ur5)
+    still = plan_poses(free, READY, [here, here]).or_raise()
+    assert still.reached == 1
+    assert np.abs(still.path(np.linspace(*still.path.domain, 9)) - READY).max() < 1e-6
+    move = plan_poses(free, READY, [poses[0], poses[0], poses[1]]).or_raise()
+    assert (move.reached, len(move.path.corners)) == (2, 1)

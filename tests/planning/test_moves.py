@@ -1,14 +1,12 @@
 """Motions that pass states with velocities at their ends."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.motion import Bounds, State, Steering, rest
+from pinproof.motion import Bounds, Steering, rest
 from pinproof.planning import MovingEnds, moves
 from pinproof.planning.moves import SHARE, GentleMoves
 
@@ -16,24 +14,29 @@ START, END = np.array([0.0, -1.2, 1.2, -1.6, -1.6, 0.0]), np.array([1.0, -1.0, 1
 
 
 @pytest.fixture(scope="module")
-def arm() -> pp.Arm:
-    return pp.load_robot("ur5").arm(tcp="tool0")
+def arm(ur5):
+    return ur5
 
 
-def state(q: np.ndarray, velocity: np.ndarray) -> State:
+def straight(arm, *waypoints):
+    """A slow motion along waypoints."""
+    return pp.time_parametrise(pp.JointPath([*waypoints], arm.joint_names), arm.limits)
+
+
+def state(q, velocity):
     return q.tolist(), velocity.tolist(), [0.0] * len(q)
 
 
-def between(arm: pp.Arm, scene: pp.Scene | None = None, **more) -> tuple[MovingEnds, pp.CollisionChecker]:
+def between(arm, scene=None, **more):
     checker = pp.CollisionChecker(arm, scene or pp.Scene())
     return MovingEnds(checker, Bounds.of(arm.limits, arm.joint_names), np.array([START, END]), **more), checker
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, -0.4])
-def test_the_motion_has_exactly_the_states_at_its_ends_and_keeps_all_limits(arm, speed: float) -> None:
+def test_the_motion_has_exactly_the_states_at_its_ends_and_keeps_all_limits(arm, speed):
     ends, checker = between(arm)
     first, last = speed * np.array([0.0, 1.0, 0.5, 0.0, 0.0, 0.0]), speed * np.array([0.0, 0.5, -1.0, 0.7, 0.0, 0.0])
-    slow = pp.time_parametrise(pp.JointPath([START, 0.5 * (START + END), END], arm.joint_names), arm.limits)
+    slow = straight(arm, START, 0.5 * (START + END), END)
     for motion in (
         ends.direct(state(START, first), state(END, last), 10.0),
         ends.changed(slow, state(START, first), state(END, last), 10.0),
@@ -45,22 +48,22 @@ def test_the_motion_has_exactly_the_states_at_its_ends_and_keeps_all_limits(arm,
         assert pp.certify(motion, checker).free
 
 
-def test_there_is_no_motion_within_less_than_the_time_it_needs_or_through_an_obstacle(arm) -> None:
+def test_there_is_no_motion_within_less_than_the_time_it_needs_or_through_an_obstacle(arm):
     ends, _ = between(arm)
     needed = ends.direct(rest(START), rest(END), 10.0).duration
     assert ends.direct(rest(START), rest(END), needed - 1e-3) is None
     middle = arm.forward_kinematics(0.5 * (START + END)).translation
     ball = pp.Obstacle("ball", pp.Sphere(radius=0.08), pp.pose(middle))
     assert between(arm, pp.Scene([ball]))[0].direct(rest(START), rest(END), 10.0) is None
-
-
-def test_a_motion_of_a_single_point_is_not_changed(arm) -> None:
-    ends, _ = between(arm)
-    single = pp.time_parametrise(pp.JointPath([START], arm.joint_names), arm.limits)
+    single = straight(arm, START)  # a motion of a single point is not changed
     assert ends.changed(single, rest(START), state(START, np.full(6, 0.1)), 10.0) is None
+    # nor is one of which no part at an end can be replaced
+    slow, backwards = straight(arm, START, END), state(START, -0.99 * arm.limits.velocity)
+    for last in (rest(END), backwards):
+        assert ends.changed(slow, backwards, last, 0.5 * slow.duration) is None
 
 
-def test_torque_limits_hold_between_samples(arm) -> None:
+def test_torque_limits_hold_between_samples(arm):
     limit = pp.motion.TorqueLimits(arm, [pp.Payload(12.0, (0.0, 0.0, 0.05))])
     free = between(arm)[0].direct(rest(START), state(END, np.full(6, 0.2)), 20.0)
     assert limit.excess(free).max() > 1.01
@@ -69,7 +72,7 @@ def test_torque_limits_hold_between_samples(arm) -> None:
     assert motion.duration > free.duration
 
 
-def test_a_motion_may_end_beyond_a_tolerance_and_is_nowhere_farther_beyond_it(arm) -> None:
+def test_a_motion_may_end_beyond_a_tolerance_and_is_nowhere_farther_beyond_it(arm):
     upright = pp.Upright.keeping(arm, START, tolerance=0.05)
     ends, _ = between(arm, constraints=[upright])
     tilted = START + np.array([0.3, 0, 0, 0.2, 0, 0])
@@ -80,7 +83,7 @@ def test_a_motion_may_end_beyond_a_tolerance_and_is_nowhere_farther_beyond_it(ar
         assert max(errors) > 0.15
 
 
-def test_a_constraint_of_the_tcp_holds_at_every_sample_of_a_motion(arm) -> None:
+def test_a_constraint_of_the_tcp_holds_at_every_sample_of_a_motion(arm):
     """Upright motions, whose ends may use all of the tolerance, and none where every fast motion tilts the tool."""
     first, last = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])
     kept = []
@@ -90,7 +93,7 @@ def test_a_constraint_of_the_tcp_holds_at_every_sample_of_a_motion(arm) -> None:
         for middle in (0.0, 0.1, 0.4):  # of the wrist, half way
             ends, _ = between(arm, constraints=[upright])
             via = 0.5 * (first + end) + np.array([0, 0, 0, middle, 0, 0])
-            slow = pp.time_parametrise(pp.JointPath([first, via, end], arm.joint_names), arm.limits)
+            slow = straight(arm, first, via, end)
             speed = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.2])
             for motion in (
                 ends.direct(rest(first), state(end, speed), 10.0),
@@ -103,44 +106,36 @@ def test_a_constraint_of_the_tcp_holds_at_every_sample_of_a_motion(arm) -> None:
     assert sum(kept) >= len(kept) - 4  # a part of the given motion that is kept may violate the constraint
 
 
-def test_there_is_no_changed_motion_if_no_part_at_an_end_can_be_replaced(arm) -> None:
-    ends, _ = between(arm)
-    slow = pp.time_parametrise(pp.JointPath([START, END], arm.joint_names), arm.limits)
-    backwards = state(START, -0.99 * arm.limits.velocity)
-    assert ends.changed(slow, backwards, rest(END), 0.5 * slow.duration) is None
-    assert ends.changed(slow, backwards, backwards, 0.5 * slow.duration) is None
-
-
 class Slow:
     """A limit of the speed of a joint that the coefficients do not show, so that only ``excess`` notices it."""
 
     name = "slow"
 
-    def __init__(self, joint: int, limit: float) -> None:
+    def __init__(self, joint, limit):
         self.joint, self.limit = joint, limit
 
     def coefficients(self, q, slope, curvature):
         zeros = np.zeros((len(q), 1))
         return zeros, zeros, zeros, zeros + 1.0
 
-    def excess(self, trajectory: pp.Trajectory) -> np.ndarray:
+    def excess(self, trajectory):
         return np.abs(trajectory.bezier(1)[1][..., self.joint]).max(axis=1) / self.limit
 
 
 @pytest.mark.parametrize("place", [0, 1, 2])
-def test_a_motion_that_exceeds_any_of_several_limits_between_its_samples_is_refused(arm, place: int) -> None:
+def test_a_motion_that_exceeds_any_of_several_limits_between_its_samples_is_refused(arm, place):
     for limit, allowed in ((0.05, False), (50.0, True)):
         limits = [Slow(1, 50.0), Slow(2, 60.0)]
         limits.insert(place, Slow(0, limit))
         ends, _ = between(arm, rate_limits=limits)
         motion = ends.direct(rest(START), state(END, np.full(6, 0.2)), 20.0)
         assert (motion is not None) == allowed
-        slow = pp.time_parametrise(pp.JointPath([START, END], arm.joint_names), arm.limits)
+        slow = straight(arm, START, END)
         assert (ends.changed(slow, rest(START), state(END, np.full(6, 0.2)), 20.0) is not None) == allowed
 
 
 @pytest.mark.parametrize(("speed", "tool"), [(0.3, None), (-0.5, None), (0.06, 0.8)])
-def test_a_changed_end_is_the_fastest_of_those_of_all_parts_that_may_be_replaced(arm, monkeypatch, speed, tool) -> None:
+def test_a_changed_end_is_the_fastest_of_those_of_all_parts_that_may_be_replaced(arm, monkeypatch, speed, tool):
     """For each part alone and for all together, at the start and at the end, and if the time is short."""
     limits = {"rate_limits": [pp.motion.ToolLimits(arm, linear_speed=tool)] if tool else []}
     path = pp.JointPath([START, 0.5 * (START + END) + 0.3, END], arm.joint_names)
@@ -168,7 +163,7 @@ class Load:
 
     name = "load"
 
-    def __init__(self, weights: np.ndarray, most: float, speed: float) -> None:
+    def __init__(self, weights, most, speed):
         self.weights, self.most, self.speed = weights, most, speed
 
     def coefficients(self, q, slope, curvature):
@@ -184,18 +179,18 @@ class Load:
         raise NotImplementedError
 
 
-def shares(load: Load, q: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+def shares(load, q, velocity, acceleration):
     """The rows divided by their bounds."""
     first = acceleration @ load.weights + 0.2 * load.most * np.sin(q[:, 0])
     return np.stack([np.abs(first) / load.most, (velocity**2).sum(axis=1) / load.speed], axis=1)
 
 
-def load_of(rng: np.random.Generator, arm: pp.Arm, tight: float) -> Load:
+def load_of(rng, arm, tight):
     weights = rng.uniform(0.2, 1.0, arm.dof)
     return Load(weights, tight * (weights @ arm.limits.acceleration), tight * (arm.limits.velocity**2).sum())
 
 
-def test_gentle_moves_keep_constraints_and_take_little_longer(arm) -> None:
+def test_gentle_moves_keep_constraints_and_take_little_longer(arm):
     rng, bounds = np.random.default_rng(3), Bounds.of(arm.limits, arm.joint_names)
     steering, reduced = Steering(bounds, SHARE), 0
     for _ in range(12):
@@ -222,7 +217,7 @@ def test_gentle_moves_keep_constraints_and_take_little_longer(arm) -> None:
     assert reduced > 10
 
 
-def test_the_slowdown_of_a_motion_is_just_sufficient(arm) -> None:
+def test_the_slowdown_of_a_motion_is_just_sufficient(arm):
     rng, bounds = np.random.default_rng(4), Bounds.of(arm.limits, arm.joint_names)
     factors = []
     for _ in range(12):

@@ -54,9 +54,10 @@ def bisection(target: Path) -> None:
     leaves = of_pair[~np.array(halved)]
 
     times = np.linspace(*swing.domain, 400)
-    distances = [checker.placed(q).measure(pair).attained for q in swing(times)]
+    alone = checker.without_pairs(k for k in range(len(checker.pairs)) if k != pair)
+    distances = alone.clearance_batch(swing(times))
     figure, axes = pyplot.subplots(figsize=(7, 3.2), layout="constrained")
-    axes.plot(times, np.array(distances) * 1e3, color="black", label="distance between tool and post")
+    axes.plot(times, distances * 1e3, color="black", label="distance between tool and post")
     for k, (start, end, _, proven) in enumerate(leaves[:, :4]):
         axes.fill_between([start, end], 0, proven * 1e3, color="tab:green", alpha=0.25, linewidth=0)
         axes.plot([start, end], [proven * 1e3] * 2, color="tab:green", label=None if k else "proven lower bound")

@@ -540,7 +540,7 @@ def test_evidence_covers_every_pair_on_the_complete_curve(ur5, path):
             reached = max(reached, end)
         assert reached == 1.0
         for start, end, _, proven in mine[:, :4].tolist():
-            assert checker.placed(curve((start + end) / 2)).measure(pair).attained >= proven
+            assert checker._placed(curve((start + end) / 2)).measure(pair).attained >= proven
     assert pp.certify(curve, checker).evidence is None
 
 

@@ -132,7 +132,7 @@ def test_distances_agree_with_the_oracle(request, oracle, name):
     )
     independent = oracle(checker)
     for q in random_q(arm, 12):
-        expected, space = independent.distances(q), checker.placed(arm.configuration(q))
+        expected, space = independent.distances(q), checker._placed(arm.configuration(q))
         for k, distance in enumerate(expected):
             ours = space.measure(k)
             if distance > 0 or ours.distance > 0:
@@ -348,7 +348,7 @@ def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last
     owners = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
     k = owners.index(("panda_link6", "panda_hand"))
     begin = checker.world.first_directions
-    space = checker.placed(np.zeros(7))
+    space = checker._placed(np.zeros(7))
     i = checker.pairs[k][0]
     np.testing.assert_allclose(space.root_from_body(i)[:3, :3] @ begin[k], space.measure(k).normal, atol=1e-9)
     begun = [any(row) for row in begin]

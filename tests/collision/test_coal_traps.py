@@ -69,7 +69,7 @@ def test_a_cavity_between_walls_is_free_space(slider, mesh_file):
     assert checker.is_free([0.0])
     assert checker.clearance([0.0]) == pytest.approx(0.14, abs=1e-6)
     assert not checker.is_free([0.145])  # in the wall's surface
-    assert checker.hollow == ()
+    assert checker.hollow_meshes == ()
 
 
 def test_a_mesh_with_a_hole_is_refused_or_named_as_hollow(slider, mesh_file):
@@ -80,7 +80,7 @@ def test_a_mesh_with_a_hole_is_refused_or_named_as_hollow(slider, mesh_file):
         CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False))]))
     checker = CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False, hollow=True))]))
     assert checker.is_free([0.0])
-    assert checker.hollow == ("open",)
+    assert checker.hollow_meshes == ("open",)
 
 
 FLAT_MESHES = {

@@ -143,7 +143,7 @@ def test_bodies_are_placed_where_pinocchio_places_them(name):
     data, placed = arm.model.createData(), checker.geometry_model.createData()
     for q in (*random_q(arm, 20), np.full(arm.dof, 1e6)):
         pin.updateGeometryPlacements(arm.model, data, checker.geometry_model, placed, arm.model_configuration(q))
-        space = checker.placed(q)
+        space = checker._placed(q)
         for i, body in enumerate(checker.bodies):
             size = 1 + np.abs(placed.oMg[i].translation).max()
             at = space.root_from_body(i)

@@ -115,7 +115,7 @@ def is_edge(curve) -> bool:
 
 def edge_is_free(checker: pp.CollisionChecker, curve) -> bool:
     """Whether the compiled core proves a path of one straight edge free, for the planners."""
-    edges = _core.EdgeChecker(checker.world, CoalJudge(checker.workspace), 1e-3)
+    edges = _core.EdgeChecker(checker.world, CoalJudge(checker), 1e-3)
     return bool(edges.proven_free(curve.q[0], curve.q[1]))
 
 

@@ -62,10 +62,10 @@ def test_no_pair_comes_nearer_than_its_bounds_allow(request, oracle, name, strai
         shares = rng.uniform(0, 1, 12)
         points = [_on(bounds.piece, s) + rng.choice([-1, 1], arm.dof) * (extra + more) for s in (0.0, 1.0, *shares)]
         for k in rng.choice(len(checker.pairs), size=min(12, len(checker.pairs)), replace=False).tolist():
-            measured = checker.placed(q).measure(k)
+            measured = checker._placed(q).measure(k)
             if measured.proven <= 0:
                 continue
-            least = min(checker.placed(p).measure(k).proven for p in points)
+            least = min(checker._placed(p).measure(k).proven for p in points)
             for split in range(len(checker.world.joints_between(k)) + 1):
                 near, growth = bounds.closely(k, measured.normal, split)
                 assert least >= measured.proven - near - more * growth - 1e-9

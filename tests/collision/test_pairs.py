@@ -365,7 +365,7 @@ def test_links_that_touch_in_some_configurations_are_checked_there_although_an_s
     met = np.array([triangles_meet(arm, shapes, links, q) for q in Q])
     assert least < met.mean() < most
     pair = checker.pairs_of_owners(*links)
-    touching = np.array([bool(set(pair) & set(checker.placed(q).contacts(q))) for q in Q])
+    touching = np.array([bool(set(pair) & set(checker._placed(q).contacts(q))) for q in Q])
     assert (touching >= met).all()
     assert np.mean(touching != met) < 0.02  # within the tolerance of coal's distances, or a body inside another
 

@@ -49,7 +49,7 @@ def signed(q: np.ndarray, middle: float, solid: bool) -> float:
 def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula(base) -> None:
     checker = pp.CollisionChecker(gantry(base=base), pp.Scene([ROOM, SHELL]), margin=0.02)
     pairs = {checker.bodies[j].owner: k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[i].owner == "z"}
-    judge, rng = CoalJudge(checker.placed(np.zeros(3))), np.random.default_rng(0)
+    judge, rng = CoalJudge(checker), np.random.default_rng(0)
     seen = set()
     for _ in range(300):
         middle = float(rng.choice([3.0, -3.0]))
@@ -84,7 +84,7 @@ def test_an_audit_finds_a_body_that_is_inside_another_from_the_start() -> None:
 def test_points_are_judged_without_those_that_were_judged_before() -> None:
     """Coal judges the mesh last, so a path that collides with the base leaves points that are not judged."""
     checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM, pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0, 3, 0)))]))
-    edges = _core.EdgeChecker(checker.world, CoalJudge(checker.workspace), 0.05)
+    edges = _core.EdgeChecker(checker.world, CoalJudge(checker), 0.05)
     near, free, blocked = np.array([2.95, 0, 0]), np.array([0, 0, 2.0]), np.array([0, 3.0, 0])
     for judge in (lambda a, b: edges.points_free(np.array([a, b])), edges.samples_free, edges.proven_free):
         for _ in range(2):
@@ -119,7 +119,7 @@ def test_the_distance_of_touching_bodies_is_within_the_bounds_of_the_core() -> N
         direction = rng.normal(size=3)
         direction /= np.linalg.norm(direction)
         low, high = 0.0, 3.0
-        space = checker.placed(np.zeros(3))
+        space = checker._placed(np.zeros(3))
         for _ in range(45):  # to where they touch
             middle = (low + high) / 2
             space.move(np.array([3, 0, 0]) + middle * direction)

@@ -123,7 +123,7 @@ def test_object_is_attached_to_the_named_arm() -> None:
     carried = checker.with_attached(tool)
     index = next(i for i, body in enumerate(carried.bodies) if body.name == "tool")
     expected = two_ur5().tcp_placements(q)["b"] * tool.pose
-    assert np.allclose(carried.placed(q).root_from_body(index), expected.homogeneous, atol=1e-9)
+    assert np.allclose(carried._placed(q).root_from_body(index), expected.homogeneous, atol=1e-9)
     with pytest.raises(pp.InputError, match="the arms a, b; name one"):
         checker.with_attached(pp.Obstacle("tool", pp.Sphere(0.02)))
     with pytest.raises(pp.UnknownNameError, match="unknown arm 'c'"):

@@ -124,8 +124,8 @@ def reach(
     arm = setup.arm(robot)
     # The checker needs the scene in the frame of the robot's root.
     checker = setup.checker(arm, setup.world().transformed(world_from_root.inverse()))
-    for k, measured in checker.still.touching:
-        print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
+    for contact in checker.fixed_contacts:
+        print_note(f"every configuration is in collision: {contact}")
     if hint := pp.collision.overlap_hint(checker, arm.home, checker.check(arm.home)):
         print_note(hint)
     tcp_from_tip = setup.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))

@@ -233,7 +233,7 @@ def _one_after_the_other(
         lower, upper = group.limits.lower.copy(), group.limits.upper.copy()
         lower[others] = upper[others] = now[others]
         still = group.with_limits(replace(group.limits, lower=lower, upper=upper))
-        alone = checker.on_group(still, checker.scene, checker.attached)
+        alone = checker.with_spec(replace(checker.spec, arm=still))
         plan = planner.plan(alone, now, then, rng=seed)
         if not plan.ok:
             return {}, f"{name}: {plan.message}"

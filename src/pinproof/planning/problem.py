@@ -88,7 +88,7 @@ class Edges:
         if not resolution > 0:
             raise InputError(f"resolution = {resolution}; it must be a distance above 0 m")
         self._checker, self._resolution, self._finest = checker, resolution, resolution / MAX_REFINEMENT
-        self.core = EdgeChecker(checker.world, CoalJudge(checker.workspace), resolution)
+        self.core = EdgeChecker(checker.world, CoalJudge(checker), resolution)
         if torque_limits is not None:
             share = float(np.clip(torque_limits.standstill_share(ends) * (1.0 + AT_ENDS), STANDSTILL_SHARE, 1.0))
             self.core.set_torque_limits(torque_limits.tree, torque_limits.limits * share)
@@ -101,8 +101,8 @@ class Edges:
 
     def _steer(self, pad: float) -> None:
         self._pad, self.steering = pad, self._checker.padded(pad)
-        blocked = bool(self.steering.still.touching)
-        self.core.set_steering(self.steering.world, CoalJudge(self.steering.workspace), blocked)
+        blocked = bool(self.steering.fixed_contacts)
+        self.core.set_steering(self.steering.world, CoalJudge(self.steering), blocked)
 
     @property
     def samples(self) -> int:

@@ -261,7 +261,7 @@ def certify(
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
     constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
-    checker.refuse_changes()
+    checker._refuse_changes()
     if movers:
         if parting or obstacle_tolerance:
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
@@ -303,12 +303,12 @@ def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: 
     Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason. With
     ``joint_tolerance`` (n,), the proof covers deviations of the joints as in :func:`certify`.
     """
-    if checker.still.touching:
+    if checker._fixed.touching:
         return False
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
     joints = np.zeros(checker.group.dof) if joint_tolerance is None else joint_tolerance
-    proof = prove(checker.world, knots, control, settings, joints, CoalJudge(checker.workspace), KNOWN_NOTHING)
+    proof = prove(checker.world, knots, control, settings, joints, CoalJudge(checker), KNOWN_NOTHING)
     return bool(proof.free)
 
 
@@ -376,7 +376,7 @@ class _CurveProof:
         if known is None:
             return
         state.proven, state.joint_tube, state.obstacle_tube = known.proven, known.joint_tube, known.obstacle_tube
-        near = checker.workspace.nearest(self._control[0, 0])
+        near = checker._workspace.nearest(self._control[0, 0])
         if near.nearest >= 0:
             state.observed = near.upper
             state.spare = near.upper - float(checker.margins[near.nearest])
@@ -390,28 +390,28 @@ class _CurveProof:
         at_end = self._look(end)
         # Pairs that no joint moves relative to each other are checked once; their contacts were found at the start.
         judge, state = self._judge, self._state
-        for pair, measured in judge.still.touching:
+        for pair, measured in judge._fixed.touching:
             undecided = UndecidedSpan(first, last, judge.owners(pair), measured.distance)
             return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
         if len(judge.still_pairs):
-            proven = judge.still.lower - judge.rounding
-            state.observed = min(state.observed, judge.still.upper)
+            proven = judge._fixed.lower - judge.rounding
+            state.observed = min(state.observed, judge._fixed.upper)
             state.proven = min(state.proven, proven - self._limits.obstacles)
             slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
             state.obstacle_tube = min(state.obstacle_tube, slack)
-        coal, joints = CoalJudge(judge.workspace), self._limits.joints
+        coal, joints = CoalJudge(judge), self._limits.joints
         self._state = prove(judge.world, self._knots, self._control, self._settings, joints, coal, state)
         span, found = self._state.open, self._state.contact
         if found is not None:
             at = np.array(found.q)
-            contact = self._deepest(at) or self._contact(found.pair, judge.placed(at).measure(found.pair))
+            contact = self._deepest(at) or self._contact(found.pair, judge._placed(at).measure(found.pair))
             return self._colliding(found.time, at, contact, found.time if span is None else span.start)
         if at_end is not None:
             return self._colliding(last, end, at_end, last if span is None else span.start)
         if span is not None:
             distance = span.distance
             if distance == np.inf:  # not measured here: a longer interval had shown that the pair is close
-                distance = judge.placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
+                distance = judge._placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
             return self._undecided(UndecidedSpan(span.start, span.end, judge.owners(span.pair), distance))
         proven = float(self._state.proven)
         message = free_sentence(proven, len(self._checker.pairs), len(self._checker.excluded))
@@ -420,13 +420,13 @@ class _CurveProof:
 
     def _look(self, q: Array) -> Contact | None:
         """Return the deepest contact at q (n,) and update the smallest observed distance."""
-        space = self._judge.workspace
+        space = self._judge._workspace
         near = space.nearest(q)
         self._saw(near.nearest, near.upper)
         for pair in near.left_to_coal:
             self._saw(pair, space.measure(pair).attained)
         apart = not near.contacts and not near.left_to_coal and near.lower > self._largest_margin
-        return None if apart and not self._judge.still.touching else self._deepest(q)
+        return None if apart and not self._judge._fixed.touching else self._deepest(q)
 
     def _saw(self, pair: int, attained: float) -> None:
         if pair < 0:
@@ -438,7 +438,7 @@ class _CurveProof:
     def _deepest(self, q: Array) -> Contact | None:
         """Return the deepest contact at q (n,) whose measured distance is attained, so that it is evidence."""
         judge, deepest = self._judge, None
-        for pair, measured in (*judge.workspace.touching(q), *judge.still.touching):
+        for pair, measured in (*judge._workspace.touching(q), *judge._fixed.touching):
             if measured.attained <= judge.margins[pair]:
                 self._saw(pair, measured.attained)
                 contact = self._contact(pair, measured)
@@ -448,7 +448,7 @@ class _CurveProof:
 
     def _contact(self, pair: int, measured: Distance) -> Contact:
         """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
-        contact = self._judge.contact(pair, measured)
+        contact = self._judge._contact(pair, measured)
         moved = self._limits.obstacles
         if not moved or self._judge.bodies[self._judge.pairs[pair][1]].link is not None:
             return contact

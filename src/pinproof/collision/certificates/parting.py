@@ -73,7 +73,7 @@ def prove_parting(
     proven: list[Certificate] = []
     for first, last in zip(ends, [*ends[1:], float(knots[-1])], strict=True):
         separated = [separating for separating in separating_pairs if separating.proof.end == first]
-        space = full.checker.placed(Bezier(knots, control).at(first)) if separated else None
+        space = full.checker._placed(Bezier(knots, control).at(first)) if separated else None
         for separating in separated:
             attained = np.inf if space is None else space.measure(separating.pair).attained
             if attained - limits.obstacles <= full.checker.margins[separating.pair]:
@@ -201,7 +201,7 @@ def _departures(
         moving, body = MovingBody(checker, a), checker.bodies[b]
         moving.move(motion.control[0, 0])
         enough = float(checker.margins[pair]) + motion.limits.obstacles + 2 * checker.rounding
-        measured = checker.placed(motion.control[0, 0]).measure(pair)
+        measured = checker._placed(motion.control[0, 0]).measure(pair)
         # The directions that are tried: z of the root, the axes of the obstacle, the line of the nearest points.
         axes = matrix(body.link_from_body)[:3, :3].T
         tried = distinct(np.array([[0.0, 0.0, 1.0], *axes, *-axes, *unit_vectors(-measured.normal[None])]))
@@ -229,7 +229,7 @@ def _departures(
             ranges.append([(a, first + k) for k in range(len(split.bodies))])
             first += len(split.bodies)
         bodies = [body for split in splits for body in split.bodies]
-        full = checker.with_obstacle_bodies(bodies, [pair for own in ranges for pair in own])
+        full = checker._with_obstacle_bodies(bodies, [pair for own in ranges for pair in own])
         index = {pair: k for k, pair in enumerate(full.pairs)}
         places = [[index[pair] for pair in own] for own in ranges]
     separating_pairs = [
@@ -246,7 +246,7 @@ def _departures(
         parts[pair] = set(own)
         separating_pairs += pieces[pair]
         for k in own[len(split.groups) :]:  # the rest of the mesh
-            measured = full.placed(motion.control[0, 0]).measure(k)
+            measured = full._placed(motion.control[0, 0]).measure(k)
             if (start_contact := _find_start_contact(full, k, measured, motion, split.deepest)) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact._replace(pair=split.pair)
     return separating_pairs, _WithFacets(full, pieces, parts), None
@@ -393,12 +393,12 @@ def _not_separated(
     shown = min(proof.stopped, float(knots[-1]))
     there = Bezier(knots, control).at(shown)
     # It is in contact where it approaches again or ends; before, it is undecided whether it has left.
-    measured = checker.placed(there).measure(pair)
+    measured = checker._placed(there).measure(pair)
     nearer = separating.departure.gap(there) < separating.departure.gap(here) - checker.rounding
     base = prove(CurvePart.of(curve, proof.end, proof.end), checker)  # for the common fields of certificates
     touching = measured.attained - motion.limits.obstacles <= checker.margins[pair]
     if touching and (nearer or proof.end >= float(knots[-1])):
-        contact = checker.contact(pair, measured)
+        contact = checker._contact(pair, measured)
         distance = contact.distance - motion.limits.obstacles
         first = FirstContact(shown, there, bodies, distance, contact.points, distance < 0, proof.end)
         how = "approaches again" if nearer else "does not depart before the end"

@@ -357,7 +357,7 @@ def _evidence(proof: Proof, certificate: Any, checker: CollisionChecker) -> tupl
         bounds_of_table = IntervalBounds(proof, table)
         unknown = ~u.any(axis=1)
         for k in np.flatnonzero(unknown):
-            u[k] = np.round(checker.placed(bounds_of_table.q[at[k]]).measure(int(pair[k])).normal, DIGITS)
+            u[k] = np.round(checker._placed(bounds_of_table.q[at[k]]).measure(int(pair[k])).normal, DIGITS)
         fresh |= unknown
         # Intervals on which the bound of the verifier exceeds the required distance are done.
         unit = u / np.linalg.norm(u, axis=1, keepdims=True)

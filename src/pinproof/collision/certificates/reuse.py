@@ -65,7 +65,7 @@ class SetupChange:
                 f"a proof cannot be reused for another setup; different are {'; '.join(differences)}. Certify the "
                 "motion for the new checker instead"
             )
-        after.refuse_changes()
+        after._refuse_changes()
         self.before, self.after = before, after
         # The unchanged pairs of both checkers that a joint moves, as indices in each. Those that no joint moves are
         # checked once for each checker, and not for each motion.

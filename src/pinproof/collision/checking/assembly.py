@@ -410,9 +410,9 @@ class CheckedBodies:
     @property
     def geometry_model(self) -> Any:
         """A copy of Pinocchio's geometry model of all bodies and checked pairs, for other libraries."""
-        return self.coal_geometry().clone()
+        return self._coal_geometry().clone()
 
-    def coal_geometry(self) -> Any:
+    def _coal_geometry(self) -> Any:
         """The geometry model itself, which must not be changed; created on first access."""
         if self._geometry_model is None:
             self._geometry_model = pin.GeometryModel()

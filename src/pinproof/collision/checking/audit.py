@@ -103,7 +103,7 @@ def audit(
     if movers:
         curve, checker, _ = with_movers(curve, checker, movers)
     checker = checker.exact() if exact else checker
-    arm, model, geometry = checker.group, checker.group.model, checker.coal_geometry()
+    arm, model, geometry = checker.group, checker.group.model, checker._coal_geometry()
     data, bodies = model.createData(), geometry.createData()
     # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
     # half-space, whose box is infinite.
@@ -126,7 +126,7 @@ def audit(
         look_inside = number % INSIDE_EVERY == 0
         if far_apart is None or look_inside or pin.computeCollisions(model, data, far_apart, q, True):
             pin.computeCollisions(model, data, geometry, bodies, q, False)
-            inside = checker.placed(at) if look_inside else None
+            inside = checker._placed(at) if look_inside else None
             for k in range(len(checker.pairs)):
                 touching = bodies.collisionResults[k].isCollision()
                 if touching or (inside is not None and inside.one_inside_other(k)):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from pinproof.collision.checking.assembly import (
 )
 from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, Overlaps, meshes_of
 from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
-from pinproof.collision.checking.spec import CheckerSpec, Levels, Pair
+from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair
 from pinproof.collision.geometry.bodies import Body, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scene import Scene
@@ -110,7 +111,7 @@ CHUNK = 64
 """Number of configurations that a thread processes at a time."""
 
 
-class CollisionChecker(CheckedBodies, Shown):
+class CollisionChecker(CheckedBodies, Changeable, Shown):
     """Checks configurations of an arm against itself and a scene.
 
     ``q`` contains the arm's own joints only; joints outside the arm keep the values that the arm holds. Two bodies are
@@ -163,7 +164,6 @@ class CollisionChecker(CheckedBodies, Shown):
         If a margin is negative or not finite, or two bodies share a name.
     """
 
-    _still: FixedPairs | None
     _kept: dict[Hashable, CollisionChecker]
 
     def __init__(
@@ -216,11 +216,11 @@ class CollisionChecker(CheckedBodies, Shown):
         self._assemble()
         warn_of_units(spec, self.bodies)
         # Robots of a cell may overlap with links that no joint moves, such as their bases.
-        for k, measured in self.still.touching if arm.robot.parts else ():
+        for k, measured in self._fixed.touching if arm.robot.parts else ():
             one, other = (self.bodies[i].link for i in self.pairs[k])
             if one is not None and other is not None and arm.robot.part_of(one) != arm.robot.part_of(other):
                 raise InputError(
-                    f"the robots of the cell overlap: {self.contact(k, measured)}. Place them farther apart, or pass "
+                    f"the robots of the cell overlap: {self._contact(k, measured)}. Place them farther apart, or pass "
                     f"allowed=[{self.owners(k)}] if these links may touch"
                 )
 
@@ -243,27 +243,27 @@ class CollisionChecker(CheckedBodies, Shown):
             return self.is_free_unchecked(self.group.configuration(q, batch="is_free_batch"))
         if left == CONTACT:
             return False
-        return not self.still.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
+        return not self._fixed.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` without validation of q (n,), for inner loops."""
-        space = self.workspace
+        space = self._workspace
         left = space.judge(q)
         if left == 0:
-            return not self.still.touching
+            return not self._fixed.touching
         if left == NOT_FINITE:
             self.group.configuration(q)  # raises
         if left < 0:
             return False
-        return not self.still.touching and not space.any_left_touches()
+        return not self._fixed.touching and not space.any_left_touches()
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
         many = finite("Q", Q, (None, self.group.dof))
-        if self.still.touching:
+        if self._fixed.touching:
             return np.zeros(len(many), dtype=bool)
         # The core judges all rows; those that it leaves to coal follow one by one.
-        left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
+        left = self._batch(lambda part: self._workspace.judge_many(part), many, threads)
         free = left == 0
         for i in np.flatnonzero(left > 0):
             free[i] = self.is_free_unchecked(many[i])
@@ -271,9 +271,9 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
         """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""
-        space = self.workspace
-        touching = (*self.still.touching, *space.touching(self.group.configuration(q)))
-        found = [self.contact(k, measured) for k, measured in touching]
+        space = self._workspace
+        touching = (*self._fixed.touching, *space.touching(self.group.configuration(q)))
+        found = [self._contact(k, measured) for k, measured in touching]
         return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
 
     def clearance(self, q: npt.ArrayLike) -> float:
@@ -282,72 +282,35 @@ class CollisionChecker(CheckedBodies, Shown):
         For separated bodies it is a lower bound up to :attr:`rounding`, within 1e-9 m of the distance. For penetrating
         bodies it is minus the penetration depth as computed by coal.
         """
-        space = self.workspace
+        space = self._workspace
         near = space.nearest(self.group.configuration(q, batch="clearance_batch"))
         judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
-        return min((near.lower, self.still.lower, *judged))
+        return min((near.lower, self._fixed.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
         """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
         many = finite("Q", Q, (None, self.group.dof))
-        lower = self._batch(lambda part: self.workspace.clearances(part), many, threads)
-        out = np.minimum(lower, self.still.lower)
+        lower = self._batch(lambda part: self._workspace.clearances(part), many, threads)
+        out = np.minimum(lower, self._fixed.lower)
         for i in np.flatnonzero(np.isnan(lower)):
             out[i] = self.clearance(many[i])
         return np.asarray(out)
 
     # -- checkers for other stages of a task --------------------------------------------------------------------------
 
-    def with_margin(
-        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
-    ) -> CollisionChecker:
-        """Return a checker of the same bodies and pairs with other margins (m)."""
-        spec = self.spec.with_margin(margin, margins)
-        return self._derived(spec, ("margin", spec.margin) if margins is None else None)
+    def with_spec(self, spec: CheckerSpec) -> CollisionChecker:
+        """Return the checker of another specification, which shares with this one the bodies and pairs of both.
 
-    def padded(self, by: float) -> CollisionChecker:
-        """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
-        return self._derived(self.spec.padded(by), ("padded", by))
-
-    def with_obstacle_tolerance(self, by: float) -> CollisionChecker:
-        """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
-        return self._derived(self.spec.with_obstacle_tolerance(by))
-
-    def with_scene(self, scene: Scene) -> CollisionChecker:
-        """Return a checker of the same arm and attached objects in another scene.
-
-        Margins of single pairs are dropped if their obstacle is removed.
+        For changes that no other method makes: ``checker.with_spec(replace(checker.spec, arm=arm))`` checks the same
+        links for another joint group of the robot, or of the robot with movers.
         """
-        return self._derived(self.spec.with_scene(scene), assemble=True)
+        before, settings = self._spec, (spec.housing, spec.trust_disabled)
+        same = spec.arm.robot.urdf.collisions == before.arm.robot.urdf.collisions
+        return self._derived(spec) if same and settings == self._rules[1:] else type(self).of(spec)
 
-    def with_attached(self, *objects: Obstacle) -> CollisionChecker:
-        """Return a checker with more objects that move with the tcp; an object replaces an attached one of its name.
-
-        When an object is grasped, also remove its obstacle from the scene.
-        """
-        return self._derived(self.spec.with_attached(*objects), assemble=True)
-
-    def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
-        """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
-        return self._derived(self.spec.with_held(held))
-
-    def on_group(
-        self, group: JointGroup, scene: Scene, attached: Sequence[Obstacle], allowed: Sequence[tuple[str, str]] = ()
-    ) -> CollisionChecker:
-        """Return a checker with the same links on another joint group, in another scene, with more allowed contacts.
-
-        For groups of the same robot, or of the robot with movers (:func:`pinproof.collision.with_movers`).
-        """
-        allowed = (*self.spec.allowed, *allowed)
-        return self._derived(replace(self.spec, arm=group, scene=scene, attached=tuple(attached), allowed=allowed))
-
-    def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
-        """Return a checker that allows more pairs of names to touch: a gripper and its object, a part and its support.
-
-        Certificates list these pairs as excluded, so allow a contact only for the stage that needs it. For a part that
-        is lifted off its support, ``certify(..., parting=)`` is stricter: it proves that the two separate.
-        """
-        return self._derived(self.spec.allowing(*pairs))
+    def _changed(self, key: Hashable = None, **changes: object) -> CollisionChecker:
+        # In other surroundings, pairs that were left out are checked again even if the surroundings are equal.
+        return self._derived(self._spec._changed(**changes), key, assemble="scene" in changes)
 
     def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
         """Return a checker without the pairs of bodies that have these indices in :attr:`pairs`.
@@ -361,7 +324,7 @@ class CollisionChecker(CheckedBodies, Shown):
         kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
         return self._keep(dropped, self._with_assembly(keep_pairs(self._assembly, kept)))
 
-    def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
+    def _with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
 
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
@@ -430,12 +393,7 @@ class CollisionChecker(CheckedBodies, Shown):
         return self._derived(replace(self.spec, finer=levels), ("levels", frozenset(levels.items())))
 
     def _derived(self, spec: CheckerSpec, key: Hashable = None, *, assemble: bool = False) -> CollisionChecker:
-        """Return the checker of a specification that was derived from this one's; with a key, it is kept.
-
-        With ``assemble``, pairs that :meth:`without_pairs` left out are checked again even if nothing else changes.
-        """
-        if spec is self.spec:
-            return self
+        """Return the checker of a specification that was derived from this one's; with a key, it is kept."""
         if key is not None and key in self._kept:
             return self._kept[key]
         # The two share what the change leaves as it is: the bodies of links and obstacles, and the pairs.
@@ -505,25 +463,27 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def pairs_in_contact(self, q: Array) -> list[int]:
         """Return the indices of the pairs in contact at q (n,)."""
-        return [*(k for k, _ in self.still.touching), *self.workspace.contacts(q)]
+        return [*(k for k, _ in self._fixed.touching), *self._workspace.contacts(q)]
 
     @property
-    def hollow(self) -> tuple[str, ...]:
+    def hollow_meshes(self) -> tuple[str, ...]:
         """The exact meshes that are not watertight: a body that is entirely inside one of them is not in contact."""
         return tuple(body.name for body in self.bodies if body.is_hollow)
 
     @property
-    def still(self) -> FixedPairs:
-        """The result for pairs that no joint moves relative to each other; computed on first access."""
-        if self._still is None:
-            space = PlacedBodies(self, self.world.of_still_pairs())
-            q = np.zeros(self.group.dof)  # any configuration
-            near, touching = space.nearest(q), tuple(space.touching(q))
-            judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
-            lower = min((near.lower, *(measured.distance for measured in judged)))
-            upper = min((near.upper, *(measured.attained for measured in judged)))
-            self._still = FixedPairs(touching, lower, upper)
-        return self._still
+    def fixed_contacts(self) -> tuple[Contact, ...]:
+        """The contacts of bodies that no joint moves relative to each other, with which no configuration is free."""
+        return tuple(self._contact(k, measured) for k, measured in self._fixed.touching)
+
+    @cached_property
+    def _fixed(self) -> FixedPairs:
+        """The result for pairs that no joint moves relative to each other."""
+        space = PlacedBodies(self, self.world.of_still_pairs())
+        q = np.zeros(self.group.dof)  # any configuration
+        near, touching = space.nearest(q), tuple(space.touching(q))
+        judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
+        lower = min((near.lower, *(measured.distance for measured in judged)))
+        return FixedPairs(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
 
     def fingerprint(self) -> str:
         """Return a hash of all inputs of a verdict: kinematics, held joints, geometry, placements, pairs, margins."""
@@ -536,7 +496,7 @@ class CollisionChecker(CheckedBodies, Shown):
             digest.update(body.content())
         return digest.hexdigest()
 
-    def refuse_changes(self) -> None:
+    def _refuse_changes(self) -> None:
         """Raise an exception if the geometry of a body was modified in place.
 
         Raises
@@ -556,13 +516,13 @@ class CollisionChecker(CheckedBodies, Shown):
             )
         object.__setattr__(self, name, value)
 
-    def placed(self, q: Array) -> PlacedBodies:
+    def _placed(self, q: Array) -> PlacedBodies:
         """Place every body at q (n,) in the workspace of this thread, without validation of q."""
-        space = self.workspace
+        space = self._workspace
         space.move(q)
         return space
 
-    def contact(self, k: int, measured: Distance) -> Contact:
+    def _contact(self, k: int, measured: Distance) -> Contact:
         """Return the contact of pair k."""
         return Contact(self.owners(k), measured.distance, measured.points, measured.normal)
 
@@ -606,12 +566,12 @@ class CollisionChecker(CheckedBodies, Shown):
 
     def _forget(self) -> None:
         """Drop what is computed on first access."""
-        self._still = None
+        self.__dict__.pop("_fixed", None)
         self._kept = {}
         self._threads = threading.local()
 
     @property
-    def workspace(self) -> PlacedBodies:
+    def _workspace(self) -> PlacedBodies:
         """The workspace of this thread."""
         try:
             return self._threads.space
@@ -637,7 +597,7 @@ class CollisionChecker(CheckedBodies, Shown):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known", "_geometry", "world", "_still", "_kept")
+        left_out = ("_threads", "_known", "_geometry", "world", "_fixed", "_kept")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

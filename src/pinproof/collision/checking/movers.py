@@ -253,7 +253,14 @@ def with_movers(trajectory: Curve, checker: CollisionChecker, movers: Sequence[M
     only = next(iter(group.ends))
     attached = [replace(thing, arm=only) if thing.arm is None else thing for thing in checker.attached]
     kept = [pair for pair in scene.allowed if moved.keys() & pair]  # the scene drops them with the obstacles
-    moving = checker.on_group(whole, scene.remove(*moved), (*attached, *carried), kept)
+    spec = replace(
+        checker.spec,
+        arm=whole,
+        scene=scene.remove(*moved),
+        attached=(*attached, *carried),
+        allowed=(*checker.spec.allowed, *kept),
+    )
+    moving = checker.with_spec(spec)
     # The motions of all joints on one clock.
     parts = [TimedColumns("the motion", trajectory, list(range(group.dof)), np.arange(group.dof))]
     first = group.dof

@@ -7,7 +7,7 @@ Coal checks bodies without a support function, and computes penetration depths.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import coal
 import numpy as np
@@ -17,6 +17,9 @@ from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
 from pinproof.collision.geometry.bodies import Body
 from pinproof.spatial import Array
+
+if TYPE_CHECKING:
+    from pinproof.collision.checking.checker import CollisionChecker
 
 GJK_TOLERANCE = 1e-8
 """GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, and not below it by more than
@@ -145,7 +148,7 @@ class PlacedBodies:
     def measure(self, k: int) -> Distance:
         """Return the distance of pair k; a body inside an exact watertight mesh penetrates it."""
         if not self._checker.convex[k]:
-            result = pin.computeDistance(self._checker.coal_geometry(), self._by_coal(), k)
+            result = pin.computeDistance(self._checker._coal_geometry(), self._by_coal(), k)
             distance = float(result.min_distance)
             points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
             if distance > 0 and self.one_inside_other(k):
@@ -165,7 +168,7 @@ class PlacedBodies:
     def touches(self, k: int) -> bool:
         """Whether pair k, which coal has to check, is within its margin, or one body is inside the other."""
         checker = self._checker
-        if pin.computeCollision(checker.coal_geometry(), self._by_coal(), k) or self.one_inside_other(k):
+        if pin.computeCollision(checker._coal_geometry(), self._by_coal(), k) or self.one_inside_other(k):
             return True
         # Coal's collide misses some triangles without an area. In a watertight mesh they lie on edges of triangles with
         # one, so only contacts of two meshes, of which one is not watertight, can be missed.
@@ -187,7 +190,7 @@ class PlacedBodies:
 
     def _by_coal(self) -> Any:
         """Return coal's data of all bodies at the configuration; they are made when coal is first needed."""
-        group, margins, geometry = self._checker.group, self._checker.margins, self._checker.coal_geometry()
+        group, margins, geometry = self._checker.group, self._checker.margins, self._checker._coal_geometry()
         if self._coal is None:
             # Made after the last geometry was added: adding one later corrupts memory.
             self._coal, self._data = geometry.createData(), group.model.createData()
@@ -207,8 +210,8 @@ class PlacedBodies:
 class CoalJudge:
     """Measures the pairs that the compiled core leaves to coal, when the core calls it during a proof or a search."""
 
-    def __init__(self, space: PlacedBodies) -> None:
-        self._space = space
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._space = checker._workspace
 
     def measure(self, q: Array, pairs: Iterable[int]) -> list[tuple[float, float]]:
         """Return for each pair at q (n,) the upper and the lower bound (m) of its distance."""

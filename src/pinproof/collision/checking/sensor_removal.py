@@ -69,7 +69,7 @@ def remove_robot(
         raise InputError(f"remove_robot takes an OccupancyGrid, not {type(grid).__name__}")
     if padding is None:
         padding = float(checker.margins.max(initial=checker.margin)) + math.sqrt(3) * grid.voxel + checker.rounding
-    placed = checker.placed(checker.group.configuration(q))
+    placed = checker._placed(checker.group.configuration(q))
     moving = [(i, body) for i, body in enumerate(checker.bodies) if body.link is not None]
     pieces = [_piece(body, placed.root_from_body(i)) for i, body in moving]
     require_positive("padding", padding, zero=True)

@@ -9,14 +9,15 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -42,6 +43,9 @@ ARMS_KEPT = 8
 """Number of cached hashes of arms: a task has one for each position of the fingers."""
 
 
+Own = TypeVar("Own", bound="Changeable")
+
+
 class HasIdentity(Protocol):
     """An object that moves obstacles: a :class:`pinproof.Mover`."""
 
@@ -49,12 +53,85 @@ class HasIdentity(Protocol):
         """Return a text that differs for movers that move differently."""
 
 
+class Changeable(ABC):
+    """What a :class:`CheckerSpec` and a :class:`pinproof.CollisionChecker` have in common: changed copies of both."""
+
+    @property
+    @abstractmethod
+    def spec(self) -> CheckerSpec:
+        """The specification of a checker, or a specification itself."""
+
+    @abstractmethod
+    def _changed(self: Own, key: Hashable = None, **changes: object) -> Own:
+        """Return a copy with other values, which are valid; all others are the same objects. With a key, it is kept."""
+
+    def with_margin(
+        self: Own, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
+    ) -> Own:
+        """Return the same bodies and pairs with other margins (m); None keeps the present ones."""
+        spec = self.spec
+        common = spec.margin if margin is None else checked_margin("margin", margin)
+        if margins is None:
+            return self._changed(("margin", common), margin=common)
+        return self._changed(margin=common, margins=_checked_pairs(margins))
+
+    def padded(self: Own, by: float) -> Own:
+        """Return the same with all margins increased by ``by`` metres, those of single pairs included."""
+        by, spec = checked_margin("by", by), self.spec
+        margins = {pair: own + by for pair, own in spec.margins.items()}
+        return self._changed(("padded", by), margin=spec.margin + by, margins=margins)
+
+    def with_obstacle_tolerance(self: Own, by: float) -> Own:
+        """Return the same for obstacles that may be displaced by ``by`` metres more, by larger margins."""
+        return self._changed(obstacle_tolerance=self.spec.obstacle_tolerance + checked_margin("by", by))
+
+    def with_scene(self: Own, scene: Scene) -> Own:
+        """Return the same arm and attached objects in another scene.
+
+        Margins and allowed contacts of obstacles that it does not have are dropped.
+        """
+        require_type("scene", scene, Scene)
+        return self._surrounded(scene, self.spec.attached)
+
+    def with_attached(self: Own, *objects: Obstacle) -> Own:
+        """Return the same with more objects that move with the tcp; an object replaces an attached one of its name.
+
+        When an object is grasped, also remove its obstacle from the scene.
+        """
+        new, spec = {thing.name for thing in objects}, self.spec
+        return self._surrounded(spec.scene, (*(thing for thing in spec.attached if thing.name not in new), *objects))
+
+    def _surrounded(self: Own, scene: Scene, attached: tuple[Obstacle, ...]) -> Own:
+        spec = self.spec
+        before = {*spec.scene.names, *(thing.name for thing in spec.attached)}
+        gone = before.difference(scene.names, (thing.name for thing in attached))
+        return self._changed(
+            scene=scene,
+            attached=attached,
+            allowed=tuple(pair for pair in spec.allowed if not gone & set(pair)),
+            margins={pair: own for pair, own in spec.margins.items() if not gone & pair},
+        )
+
+    def with_held(self: Own, held: Mapping[str, float]) -> Own:
+        """Return the same with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
+        arm = self.spec.arm.with_held(held)
+        return self if arm is self.spec.arm else self._changed(arm=arm)
+
+    def allowing(self: Own, *pairs: Sequence[str]) -> Own:
+        """Return the same with more pairs of names that may touch: a gripper and its object, a part and its support.
+
+        Certificates list these pairs as excluded, so allow a contact only for the stage that needs it. For a part that
+        is lifted off its support, ``certify(..., parting=)`` is stricter: it proves that the two separate.
+        """
+        return self._changed(allowed=(*self.spec.allowed, *((str(a), str(b)) for a, b in pairs)))
+
+
 @dataclass(frozen=True, eq=False)
-class CheckerSpec:
+class CheckerSpec(Changeable):
     """What a :class:`pinproof.CollisionChecker` checks, as a value; ``CollisionChecker.of(spec)`` builds the checker.
 
-    The parameters are those of the checker, which has methods of the same names; the checkers that these return share
-    with it what the change leaves as it is. ``obstacle_tolerance`` (m) increases the margins of pairs with an obstacle,
+    The parameters are those of the checker, which has the same methods; the checkers that these return share with it
+    what the change leaves as it is. ``obstacle_tolerance`` (m) increases the margins of pairs with an obstacle,
     which may then be displaced by as much. ``finer`` adds levels of detail of pairs of owners to those that the checker
     chooses. InputError if a margin is negative or not finite, or is for a pair that is not two names.
     """
@@ -84,56 +161,15 @@ class CheckerSpec:
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
-    def _with(self, **changes: object) -> CheckerSpec:
-        """Return a copy with other values, which are valid; all others are the same objects."""
+    @property
+    def spec(self) -> CheckerSpec:
+        """The specification itself."""
+        return self
+
+    def _changed(self, key: Hashable = None, **changes: object) -> CheckerSpec:  # noqa: ARG002  # no copy is kept
         other = copy(self)
         other.__dict__.update(changes)
         return other
-
-    def with_margin(
-        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
-    ) -> CheckerSpec:
-        """Return the specification with other margins (m); None keeps the present ones."""
-        common = self.margin if margin is None else checked_margin("margin", margin)
-        return self._with(margin=common, margins=self.margins if margins is None else _checked_pairs(margins))
-
-    def padded(self, by: float) -> CheckerSpec:
-        """Return the specification with all margins increased by ``by`` metres, those of single pairs included."""
-        by = checked_margin("by", by)
-        return self._with(margin=self.margin + by, margins={pair: own + by for pair, own in self.margins.items()})
-
-    def with_obstacle_tolerance(self, by: float) -> CheckerSpec:
-        """Return the specification that allows obstacles to be displaced by ``by`` metres more."""
-        return self._with(obstacle_tolerance=self.obstacle_tolerance + checked_margin("by", by))
-
-    def with_scene(self, scene: Scene) -> CheckerSpec:
-        """Return the specification in another scene, without margins and allowed contacts of removed obstacles."""
-        require_type("scene", scene, Scene)
-        return self._surrounded(scene, self.attached)
-
-    def with_attached(self, *objects: Obstacle) -> CheckerSpec:
-        """Return the specification with more objects that move with the tcp; they replace those of their names."""
-        new = {thing.name for thing in objects}
-        return self._surrounded(self.scene, (*(thing for thing in self.attached if thing.name not in new), *objects))
-
-    def _surrounded(self, scene: Scene, attached: tuple[Obstacle, ...]) -> CheckerSpec:
-        before = {*self.scene.names, *(thing.name for thing in self.attached)}
-        gone = before.difference(scene.names, (thing.name for thing in attached))
-        return self._with(
-            scene=scene,
-            attached=attached,
-            allowed=tuple(pair for pair in self.allowed if not gone & set(pair)),
-            margins={pair: own for pair, own in self.margins.items() if not gone & pair},
-        )
-
-    def with_held(self, held: Mapping[str, float]) -> CheckerSpec:
-        """Return the specification with other values (rad or m) of joints outside the arm."""
-        arm = self.arm.with_held(held)
-        return self if arm is self.arm else self._with(arm=arm)
-
-    def allowing(self, *pairs: Sequence[str]) -> CheckerSpec:
-        """Return the specification that allows more pairs of names to touch."""
-        return self._with(allowed=(*self.allowed, *((str(a), str(b)) for a, b in pairs)))
 
     def setup_hash(self, movers: Sequence[HasIdentity] = ()) -> str:
         """Return a hash of the arm (kinematics, held joints, collision geometry), attached objects, scene, and movers.

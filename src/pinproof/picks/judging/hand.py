@@ -264,7 +264,8 @@ class OpenHand:
         ]
         replaced = {solid.name for solid in placed}
         attached = (*(each for each in self._outside.attached if each.name not in replaced), *placed)
-        checker = self._outside.on_group(self._outside.arm, Scene((part,)), attached).with_margin(0.0)
+        spec = replace(self._outside.spec, scene=Scene((part,)), attached=attached)
+        checker = self._outside.with_spec(spec).with_margin(0.0)
         if finer_at is not None:
             checker = checker.finer_at(finer_at)
         # the displaced copies of links of the palm replace them

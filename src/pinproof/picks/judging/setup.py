@@ -282,8 +282,8 @@ class PickSetup:
         for thing in checker.scene.obstacles:
             if isinstance(thing.shape, OccupancyGrid):
                 notes.append(f"what {thing.name} does not show: {thing.shape.remark}")
-        if checker.hollow:
-            notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow)}")
+        if checker.hollow_meshes:
+            notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow_meshes)}")
         return tuple(notes)
 
     def identity(self) -> dict[str, Any]:

@@ -56,6 +56,13 @@ def rest(lines: list[str]) -> StringList:
     return StringList(["```{eval-rst}", *lines, "```"], source="<package>")
 
 
+MADE_BY_CHECKS = re.compile(
+    "(Audit|Check)Result|(Program)?Certificate|ProgramPart|(First)?Contact|ExcludedPair|Parting|MotionTube|Undecided.*|"
+    "Constraint(Proof|Violation)|LimitViolation|LinkOverlap|OverlapReport|TimedScene|SurfacePoints"
+)
+"""Results of checks and proofs, which are shown without a signature because their constructors are not public."""
+
+
 def documented(path: str) -> list[str]:
     """The autodoc directive of a name, with the options for its kind."""
     parent, _, name = path.rpartition(".")
@@ -68,7 +75,8 @@ def documented(path: str) -> list[str]:
         own = all(base is object or base.__module__.startswith("pinproof") for base in value.__mro__)
         if not value.__module__.startswith("pinproof"):
             return [f".. autodata:: {path}", "   :no-value:", ""]
-        return [f".. autoclass:: {path}", MEMBERS, *(["   :inherited-members:"] if own else []), ""]
+        made = "()" if MADE_BY_CHECKS.fullmatch(name) else ""
+        return [f".. autoclass:: {path}{made}", MEMBERS, *(["   :inherited-members:"] if own else []), ""]
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 
 

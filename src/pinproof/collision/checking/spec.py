@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from abc import ABC, abstractmethod
+from abc import ABCMeta, abstractmethod
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -53,7 +53,7 @@ class HasIdentity(Protocol):
         """Return a text that differs for movers that move differently."""
 
 
-class Changeable(ABC):
+class Changeable(metaclass=ABCMeta):
     """What a :class:`CheckerSpec` and a :class:`pinproof.CollisionChecker` have in common: changed copies of both."""
 
     @property

@@ -10,8 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.collision import is_proven_free
-from pinproof.collision.checking.placed_bodies import CoalJudge
+from pinproof.collision import CoalJudge, is_proven_free
 from pinproof.motion import CubicPath
 from pinproof.planning import Edges
 

@@ -9,9 +9,9 @@ from benchmarks.plain_coal import PlainCoal
 
 import pinproof as pp
 from pinproof import _core
+from pinproof.collision import CoalJudge
 from pinproof.collision.checking.links import Overlaps, _configuration, _touch
 from pinproof.collision.checking.movers import with_movers
-from pinproof.collision.checking.placed_bodies import CoalJudge
 from pinproof.collision.geometry.bodies import shape_body
 from pinproof.spatial import SE3
 

@@ -40,7 +40,14 @@ from pinproof.collision.certificates.proof_file import verify_proof
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.collision.checking.assembly import ExcludedPair, only_arm
 from pinproof.collision.checking.audit import AuditResult, audit
-from pinproof.collision.checking.checker import CheckResult, CollisionChecker, Contact, overlap_hint, require_curve
+from pinproof.collision.checking.checker import (
+    CheckResult,
+    CoalJudge,
+    CollisionChecker,
+    Contact,
+    overlap_hint,
+    require_curve,
+)
 from pinproof.collision.checking.line_surface import (
     MOST_ADVANCES,
     TOUCH,
@@ -55,7 +62,7 @@ from pinproof.collision.checking.line_surface import (
 from pinproof.collision.checking.links import KINDS, LinkOverlap, OverlapReport, link_bodies, sample_overlaps
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
 from pinproof.collision.checking.penetration import penetration
-from pinproof.collision.checking.placed_bodies import GJK_SLACK, CoalJudge, MeasureConvex
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureConvex
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
 from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.collision.checking.spec import CheckerSpec, checked_margin, files_examined_once

@@ -41,9 +41,9 @@ from pinproof.collision.certificates.path_constraints import (
     check_constraints,
 )
 from pinproof.collision.checking.assembly import only_arm
-from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
+from pinproof.collision.checking.checker import CoalJudge, CollisionChecker, Contact, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
-from pinproof.collision.checking.placed_bodies import CoalJudge, Distance
+from pinproof.collision.checking.placed_bodies import Distance
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointLimits
 from pinproof.motion import Curve, LimitCheck, Trajectory, check_limits, parameter_text, read_only

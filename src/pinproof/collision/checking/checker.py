@@ -608,6 +608,24 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
 
 
+class CoalJudge:
+    """Measures the pairs that the compiled core leaves to coal, when the core calls it during a proof or a search."""
+
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._space = checker._workspace
+
+    def measure(self, q: Array, pairs: Iterable[int]) -> list[tuple[float, float]]:
+        """Return for each pair at q (n,) the upper and the lower bound (m) of its distance."""
+        self._space.move(q)
+        measured = map(self._space.measure, pairs)
+        return [(distance.attained, distance.proven) for distance in measured]
+
+    def any_contact(self, q: Array, pairs: Iterable[int]) -> bool:
+        """Whether a pair is within its margin at q (n,)."""
+        self._space.move(q)
+        return any(map(self._space.touches, pairs))
+
+
 def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:
     """Raise InputError unless the curve has the joints of the checker's group, in their order, and does not jump."""
     require_type("checker", checker, CollisionChecker)

@@ -6,8 +6,7 @@ Coal checks bodies without a support function, and computes penetration depths.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -17,9 +16,6 @@ from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
 from pinproof.collision.geometry.bodies import Body
 from pinproof.spatial import Array
-
-if TYPE_CHECKING:
-    from pinproof.collision.checking.checker import CollisionChecker
 
 GJK_TOLERANCE = 1e-8
 """GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, and not below it by more than
@@ -205,24 +201,6 @@ class PlacedBodies:
             pin.updateGeometryPlacements(group.model, self._data, geometry, self._coal, q)
             self._moves_by_coal = self._moves
         return self._coal
-
-
-class CoalJudge:
-    """Measures the pairs that the compiled core leaves to coal, when the core calls it during a proof or a search."""
-
-    def __init__(self, checker: CollisionChecker) -> None:
-        self._space = checker._workspace
-
-    def measure(self, q: Array, pairs: Iterable[int]) -> list[tuple[float, float]]:
-        """Return for each pair at q (n,) the upper and the lower bound (m) of its distance."""
-        self._space.move(q)
-        measured = map(self._space.measure, pairs)
-        return [(distance.attained, distance.proven) for distance in measured]
-
-    def any_contact(self, q: Array, pairs: Iterable[int]) -> bool:
-        """Whether a pair is within its margin at q (n,)."""
-        self._space.move(q)
-        return any(map(self._space.touches, pairs))
 
 
 class FixedPairs(NamedTuple):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from pinproof.viewer import (
     tracks,
 )
 
+if TYPE_CHECKING:
+    from pinproof.cell.sequencing.sequence_result import LeftOut
+
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
 
@@ -46,8 +49,7 @@ FRAMED = 200
 COLUMNS = ("#", "Pick", "Start", "Duration", "Clearance", "Limited by")
 
 
-@dataclass(frozen=True)
-class CellRow:
+class CellRow(NamedTuple):
     """A pick of the table: its times (s), its proven clearance (m), and what limits its duration."""
 
     name: str
@@ -57,95 +59,70 @@ class CellRow:
     limited_by: str
 
 
-@dataclass(frozen=True)
-class CellPage:
-    """The content of a page of a cell.
+def write_cell_page(
+    path: str | Path,
+    stage: Drawing,
+    shown: Film,
+    *,
+    title: str,
+    summary: str,
+    figures: Sequence[tuple[str, str]],
+    notes: Sequence[str],
+    duration: float,
+    rows: Sequence[CellRow],
+    left_out: Sequence[LeftOut],
+    bars: Sequence[Bar],
+    lanes: Sequence[str],
+    acceleration_source: str,
+    several: bool = False,
+    heat_map: ColouredPoints | None = None,
+) -> None:
+    """Write the page of a film of ``duration`` (s), whose carried parts are obstacles of the stage.
 
-    Parameters
-    ----------
-    title, summary, figures, notes
-        Texts; ``figures`` are pairs of a label and a figure.
-    duration
-        Seconds of the complete film.
-    rows
-        The picks in order.
-    left_out
-        The names of the picks that are not executed, with the reasons.
-    bars, lanes
-        The Gantt chart.
-    several
-        Whether each lane is an arm, not a phase.
+    ``rows`` are the picks in order, ``bars`` and ``lanes`` the Gantt chart, of which each lane is an arm if there are
+    ``several``, otherwise a phase. ViewerError if the robot has nothing to draw, or the page cannot be written.
     """
-
-    title: str
-    summary: str
-    figures: Sequence[tuple[str, str]]
-    notes: Sequence[str]
-    duration: float
-    rows: Sequence[CellRow]
-    left_out: Sequence[tuple[str, str]]
-    bars: Sequence[Bar]
-    lanes: Sequence[str]
-    several: bool = False
-
-    def write(
-        self,
-        path: str | Path,
-        stage: Drawing,
-        shown: Film,
-        acceleration_source: str,
-        heat_map: ColouredPoints | None = None,
-    ) -> None:
-        """Write the page of a film, whose carried parts are obstacles of the stage.
-
-        ViewerError if the robot has nothing to draw, or the page cannot be written.
-        """
-        if not any(link.surfaces for link in stage.links):
-            raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
-        # The camera frames the arms, the carried parts where they are picked and placed, and the points on the floor
-        few = shown.poses[:: -(-len(shown.times) // FRAMED)]
-        extra = [np.empty((0, 3)) if heat_map is None else heat_map.xyz]
-        carried = [thing for thing in stage.obstacles if thing.name in shown.riders and thing.surfaces]
-        extra += [placed_points(box_corners(thing.surfaces), shown.riders[thing.name][[0, -1]]) for thing in carried]
-        points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
-        view = choose_view(stage, few, points, tool=tool_points(stage, few))
-        commands = stage_commands(stage, Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
-        if heat_map is not None:
-            heat_map.draw(commands)
-        places = {thing.name: node_path("scene", thing.name) for thing in stage.obstacles}
-        rest = max(self.duration - float(shown.times[-1]), LAST)
-        commands.set_animation(tracks(commands, stage, shown, places, rest=rest))
-        cells: list[tuple[object, ...]] = [
-            (
-                *(number, row.name, f"{row.start:.2f} s", f"{row.duration:.2f} s"),
-                *(proven_millimetres(row.clearance), row.limited_by),
-            )
-            for number, row in enumerate(self.rows, start=1)
-        ]
-        cells += [("", name, "left out", "", "", reason) for name, reason in self.left_out]
-        notes = [
-            "Motions are resampled for display; the proofs hold for the original motions.",
-            *self.notes,
-            guess_note(acceleration_source) or f"Acceleration limits: {acceleration_source}",
-            *stage.notes,
-        ]
-        chart = panels.gantt(self.bars, self.lanes, self.duration, named=self.several)
-        text = panels.page(
-            self.title,
-            "cell",
-            chart + panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes),
-            {
-                **view.settings(),
-                "duration": self.duration,
-                "moments": [[row.start, row.start + row.duration] for row in self.rows],
-            },
-            commands,
-            label="The robot in its cell",
-            summary=escape(self.summary),
-            head=panels.figures(self.figures),
-            colours=() if heat_map is None else heat_map.legend,
-        )
-        panels.write_page(path, text)
+    if not any(link.surfaces for link in stage.links):
+        raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
+    # The camera frames the arms, the carried parts where they are picked and placed, and the points on the floor
+    few = shown.poses[:: -(-len(shown.times) // FRAMED)]
+    extra = [np.empty((0, 3)) if heat_map is None else heat_map.xyz]
+    carried = [thing for thing in stage.obstacles if thing.name in shown.riders and thing.surfaces]
+    extra += [placed_points(box_corners(thing.surfaces), shown.riders[thing.name][[0, -1]]) for thing in carried]
+    points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
+    view = choose_view(stage, few, points, tool=tool_points(stage, few))
+    commands = stage_commands(stage, Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
+    if heat_map is not None:
+        heat_map.draw(commands)
+    places = {thing.name: node_path("scene", thing.name) for thing in stage.obstacles}
+    rest = max(duration - float(shown.times[-1]), LAST)
+    commands.set_animation(tracks(commands, stage, shown, places, rest=rest))
+    # The table of the picks
+    cells: list[tuple[object, ...]] = []
+    for number, row in enumerate(rows, start=1):
+        figured = f"{row.start:.2f} s", f"{row.duration:.2f} s", proven_millimetres(row.clearance)
+        cells.append((number, row.name, *figured, row.limited_by))
+    cells += [("", pick.name, "left out", "", "", pick.reason) for pick in left_out]
+    notes = [
+        "Motions are resampled for display; the proofs hold for the original motions.",
+        *notes,
+        guess_note(acceleration_source) or f"Acceleration limits: {acceleration_source}",
+        *stage.notes,
+    ]
+    table = panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes)
+    moments = [[row.start, row.start + row.duration] for row in rows]
+    text = panels.page(
+        title,
+        "cell",
+        panels.gantt(bars, lanes, duration, named=several) + table,
+        {**view.settings(), "duration": duration, "moments": moments},
+        commands,
+        label="The robot in its cell",
+        summary=escape(summary),
+        head=panels.figures(figures),
+        colours=() if heat_map is None else heat_map.legend,
+    )
+    panels.write_page(path, text)
 
 
 def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:

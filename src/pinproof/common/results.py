@@ -249,8 +249,12 @@ class Answer(Shown):
             ``IkFailed`` and results of planning ``PlanFailed``, which are subclasses.
         """
         if not self.ok:
-            raise self.failure(self.message, self)
+            raise self.failure(self._why_not(), self)
         return self
+
+    def _why_not(self) -> str:
+        """The message of the exception of :meth:`or_raise`."""
+        return self.message
 
     def changed(self: Own, **values: object) -> Own:
         """Return a copy with other values of fields; :func:`dataclasses.replace` would read those that are None."""

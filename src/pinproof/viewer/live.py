@@ -6,27 +6,27 @@ import json
 import logging
 import queue
 import threading
-from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
+from pinproof.collision import Certificate, CheckResult, Scene
 from pinproof.errors import ViewerError
 from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
-from pinproof.spatial import SE3
-from pinproof.viewer.overlays import ColouredPoints
-from pinproof.viewer.page import NO_FRAMES, Page, render_page
-from pinproof.viewer.picture import Picture
+from pinproof.viewer.page import Page, render_page
+from pinproof.viewer.picture import Picture, PictureContent
 from pinproof.viewer.wire import node_path, transform_command
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 LOOPBACK = "127.0.0.1"
 """Only this machine can open the page. The server of meshcat listens on every interface."""
@@ -53,18 +53,9 @@ def show(
     scene: Scene | None = None,
     trajectory: Trajectory | None = None,
     *,
-    certificate: Certificate | None = None,
-    attached: Sequence[Obstacle] = (),
-    q: npt.ArrayLike | None = None,
-    title: str | None = None,
-    points: ColouredPoints | None = None,
-    ghosts: npt.ArrayLike | None = None,
-    check: CheckResult | None = None,
-    frames: Mapping[str, SE3] = NO_FRAMES,
-    layers: Collection[str] = (),
-    elbow: SelfMotion | SelfMotionCurve | None = None,
     port: int = 0,
     open_browser: bool = False,
+    **content: Unpack[PictureContent],
 ) -> LiveView:
     """Show an arm live in the browser; the function returns immediately.
 
@@ -74,7 +65,7 @@ def show(
 
     Parameters
     ----------
-    arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
+    arm, scene, trajectory, **content
         As in :func:`pinproof.write_html`.
     port
         The port on 127.0.0.1; 0 selects a free port.
@@ -86,10 +77,7 @@ def show(
     LiveView
         Has the address of the page as ``url``, and ends with ``close()`` or with the program.
     """
-    picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
-    )  # fmt: skip
-    view = LiveView(picture, port=port)
+    view = LiveView(Picture(arm, scene, trajectory, **content), port=port)
     if open_browser:
         import webbrowser
 

@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from types import MappingProxyType
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
+from pinproof.collision import Scene
 from pinproof.common import theme
 from pinproof.common.theme import SERIES
-from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import MotionLimits, Panel, RateConstraint, Trajectory, panels_of
-from pinproof.spatial import SE3, Array
+from pinproof.spatial import Array
 from pinproof.viewer import panels
-from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.panels import legend
-from pinproof.viewer.picture import Picture, RenderedPicture
+from pinproof.viewer.picture import Picture, PictureContent, RenderedPicture
 
-NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 SUMMARY_FIGURES = ("Proven clearance", "Duration")
 """Figures of a caption that are also in the line below the title."""
@@ -53,17 +51,8 @@ def write_html(
     scene: Scene | None = None,
     trajectory: Trajectory | None = None,
     *,
-    certificate: Certificate | None = None,
-    attached: Sequence[Obstacle] = (),
-    q: npt.ArrayLike | None = None,
-    title: str | None = None,
-    points: ColouredPoints | None = None,
-    ghosts: npt.ArrayLike | None = None,
-    elbow: SelfMotion | SelfMotionCurve | None = None,
-    check: CheckResult | None = None,
-    frames: Mapping[str, SE3] = NO_FRAMES,
-    layers: Collection[str] = (),
     plot: PlotLimits | None = None,
+    **content: Unpack[PictureContent],
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
@@ -117,10 +106,7 @@ def write_html(
     ViewerError
         If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
-    picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
-    )  # fmt: skip
-    panels.write_page(path, render_page(picture, plot=plot).text)
+    panels.write_page(path, render_page(Picture(arm, scene, trajectory, **content), plot=plot).text)
 
 
 def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits | None = None) -> Page:

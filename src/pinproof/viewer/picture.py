@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import NoneType
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -156,6 +156,21 @@ class RenderedPicture:
     def start(self) -> float:
         """Time (s) at which the page opens."""
         return float(self.settings["start"] or 0.0)
+
+
+class PictureContent(TypedDict, total=False):
+    """What a picture shows besides an arm, a scene and a motion: keyword arguments of :func:`pinproof.write_html`."""
+
+    certificate: Certificate | None
+    attached: Sequence[Obstacle]
+    q: npt.ArrayLike | None
+    title: str | None
+    points: ColouredPoints | None
+    ghosts: npt.ArrayLike | None
+    check: CheckResult | None
+    frames: Mapping[str, SE3]
+    layers: Collection[str]
+    elbow: SelfMotion | SelfMotionCurve | None
 
 
 @dataclass(frozen=True, eq=False)

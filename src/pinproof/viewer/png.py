@@ -7,21 +7,20 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy.typing as npt
-
-from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
+from pinproof.collision import Scene
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
-from pinproof.spatial import SE3
-from pinproof.viewer.overlays import ColouredPoints
-from pinproof.viewer.page import NO_FRAMES, render_page
-from pinproof.viewer.picture import Picture
+from pinproof.viewer.page import render_page
+from pinproof.viewer.picture import Picture, PictureContent
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 BROWSER_VARIABLE = "PINPROOF_BROWSER"
 """The environment variable that names the browser; it takes precedence over browsers on PATH."""
@@ -138,15 +137,7 @@ def write_png(
     *,
     time: float | None = None,
     size: tuple[int, int] = (1280, 800),
-    certificate: Certificate | None = None,
-    attached: Sequence[Obstacle] = (),
-    q: npt.ArrayLike | None = None,
-    title: str | None = None,
-    points: ColouredPoints | None = None,
-    ghosts: npt.ArrayLike | None = None,
-    check: CheckResult | None = None,
-    frames: Mapping[str, SE3] = NO_FRAMES,
-    layers: Collection[str] = (),
+    **content: Unpack[PictureContent],
 ) -> None:
     """Write a PNG picture of what :func:`pinproof.write_html` shows, with a caption of one line.
 
@@ -161,7 +152,7 @@ def write_png(
         Time of the trajectory in seconds. Default: its start, or the contact of the certificate.
     size
         Width and height in pixels, 64 to 4096 each.
-    arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+    arm, scene, trajectory, **content
         As in :func:`pinproof.write_html`.
 
     Raises
@@ -179,14 +170,12 @@ def write_png(
             raise InputError("time needs a trajectory; without one, the picture shows the configuration q")
         if not 0.0 <= time <= trajectory.duration:
             raise InputError(f"time = {time:g} s is outside the trajectory, which lasts {trajectory.duration:g} s")
-    picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
-    )  # fmt: skip
-    page = render_page(picture)  # refuses invalid settings, also on a machine without a browser
+    # Invalid settings are refused first, also on a machine without a browser
+    page = render_page(Picture(arm, scene, trajectory, **content))
     browser = find_browser()
     shown_time = page.shown.start if time is None else time
-    content = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
+    picture = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
     try:
-        write_bytes_whole(path, content)
+        write_bytes_whole(path, picture)
     except FileError as error:
         raise ViewerError(str(error)) from error

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from pinproof.cell.allocation.common_clock import WAIT, ArmPiece, CommonInterval, Timing
-from pinproof.cell.pages import MOST_FRAMES, RATE, CellPage, CellRow
+from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene, proven_millimetres
-from pinproof.common.results import Rows, Saved, View, Written, markdown
+from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
 from pinproof.common.structs import (
     ANY_TEXT,
     COUNT,
@@ -30,7 +30,7 @@ from pinproof.common.structs import (
     required,
     struct,
 )
-from pinproof.errors import InputError, NoAnswer
+from pinproof.errors import InputError
 from pinproof.model import PART, JointGroup, guess_mark
 from pinproof.motion import Trajectory
 from pinproof.picks import Picks
@@ -119,7 +119,7 @@ class PartState:
     version="pinproof/allocation/1",
     eq=False,
 )  # fmt: skip
-class AllocationResult(Saved, Written):
+class AllocationResult(Answer, Saved, Written):
     """Picks of several arms on a common clock.
 
     Readers must accept unknown keys: they are additions of the same version.
@@ -300,18 +300,9 @@ class AllocationResult(Saved, Written):
         notes = (note for sequence in self.sequences.values() for note in sequence.setup.not_covered(with_object))
         return tuple(dict.fromkeys(notes))
 
-    def or_raise(self) -> AllocationResult:
-        """Return the result if every pick is executed and everything is certified.
-
-        Raises
-        ------
-        NoAnswer
-            If it is not.
-        """
-        if self.ok:
-            return self
+    def _why_not(self) -> str:
         reasons = [f"{pick.name}: {pick.reason}" for pick in self.missing] or [self.reason]
-        raise NoAnswer(f"the picks cannot all be executed: {'; '.join(reasons)}")
+        return f"the picks cannot all be executed: {'; '.join(reasons)}"
 
     @cached_property
     def parts(self) -> Mapping[str, PartState]:
@@ -397,18 +388,6 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
     figures += [(f"utilisation of {load.arm}", f"{100 * load.utilisation:.0f} %") for load in result.arms]
     verdict = "FREE" if result.free else "NOT PROVEN"
     figures.append((f"smallest proven clearance {proven_millimetres(result.clearance)}", verdict))
-    page = CellPage(
-        title or f"Cell of {', '.join(result.group.ends)}",
-        result.message,
-        figures,
-        [*([f"Not proven: {result.reason}"] if result.reason else []), *(f"Not covered: {n}" for n in result.notes)],
-        result.makespan,
-        sorted(rows, key=lambda row: row.start),
-        [(pick.name, pick.reason) for pick in result.missing],
-        sorted(bars, key=lambda bar: list(result.group.ends).index(bar.lane)),
-        list(result.group.ends),
-        several=True,
-    )
     # Key frames of all arms and of the parts, which rest before and after they are carried
     whole, arms = result.trajectory, list(result.group.ends)
     times = np.linspace(0.0, whole.duration, min(int(np.ceil(whole.duration * RATE)) + 1, MOST_FRAMES))
@@ -431,5 +410,19 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
         latest = np.searchsorted(carried, np.arange(len(times)), side="right") - 1
         riders[name] = np.stack([placed[carried[k]] for k in latest.clip(0)])
     poses = np.stack([stage.link_poses(q) for q in configurations])
-    shown = Film(times, poses, tcps[:, :, :3, 3], riders)
-    page.write(path, stage, shown, result.group.limits.acceleration_source)
+    write_cell_page(
+        path,
+        stage,
+        Film(times, poses, tcps[:, :, :3, 3], riders),
+        title=title or f"Cell of {', '.join(arms)}",
+        summary=result.message,
+        figures=figures,
+        notes=[f"Not proven: {result.reason}"] * bool(result.reason) + [f"Not covered: {n}" for n in result.notes],
+        duration=result.makespan,
+        rows=sorted(rows, key=lambda row: row.start),
+        left_out=result.missing,
+        bars=sorted(bars, key=lambda bar: arms.index(bar.lane)),
+        lanes=arms,
+        acceleration_source=result.group.limits.acceleration_source,
+        several=True,
+    )

@@ -69,11 +69,6 @@ class ArmPiece:
     carries: tuple[Obstacle, ...]
     held: Mapping[str, float] = field(default_factory=dict)
 
-    @classmethod
-    def of(cls, motion: PickMotion, pick: str) -> ArmPiece:
-        """A motion whose start is not known yet."""
-        return cls(motion.name, pick, 0.0, motion.trajectory, motion, motion.attached, motion.held)
-
     @property
     def duration(self) -> float:
         """Seconds."""
@@ -93,16 +88,16 @@ class ArmPiece:
 def pieces_of(result: SequenceResult) -> list[ArmPiece]:
     """The motions and dwell times of a sequence in order."""
     pieces: list[ArmPiece] = []
-    for step in result.steps:
-        motions = iter(step.verdict.motions)
-        for phase in step.phases:
-            if phase.name in ("grip", "release") and pieces:
-                still = _resting(pieces[-1].trajectory, phase.duration)
-                pieces.append(replace(pieces[-1], name=phase.name, trajectory=still))
-            else:
-                pieces.append(ArmPiece.of(next(motions), step.pick.name))
+    timed = [
+        (phase.name, phase.motion, phase.duration, step.pick.name) for step in result.steps for phase in step.phases
+    ]
     if result.closing is not None:
-        pieces.append(ArmPiece.of(result.closing, ""))
+        timed.append((result.closing.name, result.closing, 0.0, ""))
+    for name, motion, duration, pick in timed:
+        if motion is None:  # the arm rests where it is, with what it carries
+            pieces.append(replace(pieces[-1], name=name, trajectory=_resting(pieces[-1].trajectory, duration)))
+        else:
+            pieces.append(ArmPiece(name, pick, 0.0, motion.trajectory, motion, motion.attached, motion.held))
     return _on_clock(pieces)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
@@ -86,26 +88,20 @@ class Precedence:
 
     def cycle(self) -> tuple[int, ...]:
         """Indices of picks each of which must be executed before the next, and the last before the first; or empty."""
-        after = self.successors()
-        left = {i: set(before) for i, before in enumerate(self.predecessors())}
-        ready = [i for i, before in left.items() if not before]
-        while ready:  # Kahn (1962): what remains is part of a cycle or behind one
-            done = ready.pop()
-            del left[done]
-            for follower in after[done]:
-                left[follower].discard(done)
-                if not left[follower]:
-                    ready.append(follower)
-        if not left:
+        with suppress(CycleError):
+            TopologicalSorter(dict(enumerate(self.predecessors()))).prepare()
             return ()
-        # the shortest cycle through each pick that remains, by breadth-first search
+        # the shortest cycle through each pick, by breadth-first search
+        after: list[set[int]] = [set() for _ in self.names]
+        for first, second in self.reasons:
+            after[first].add(second)
         cycles: list[list[int]] = []
-        for start in left:
+        for start in range(len(self.names)):
             came: dict[int, int] = {}
             queue = [start]
             for here in queue:
                 for follower in after[here]:
-                    if follower in left and follower not in came:
+                    if follower not in came:
                         came[follower] = here
                         queue.append(follower)
             if start in came:
@@ -114,8 +110,8 @@ class Precedence:
                     path.append(came[path[-1]])
                 cycles.append(path[::-1])
         shortest = min(cycles, key=len)
-        first = shortest.index(min(shortest))
-        return (*shortest[first:], *shortest[:first])
+        least = shortest.index(min(shortest))
+        return (*shortest[least:], *shortest[:least])
 
     def predecessors(self) -> list[set[int]]:
         """For each pick the picks that must be executed before it."""
@@ -123,13 +119,6 @@ class Precedence:
         for first, second in self.reasons:
             before[second].add(first)
         return before
-
-    def successors(self) -> list[set[int]]:
-        """For each pick the picks that must be executed after it."""
-        after: list[set[int]] = [set() for _ in self.names]
-        for first, second in self.reasons:
-            after[first].add(second)
-        return after
 
     def allows(self, order: Iterable[int]) -> bool:
         """Whether an order of all picks satisfies every pair."""

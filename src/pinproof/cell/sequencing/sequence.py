@@ -283,7 +283,10 @@ class SequenceRun:
     bound: float = float("nan")
     file_order: float = float("nan")
     nearest: float = float("nan")
-    numbers: list[tuple[int, int]] = field(default_factory=list)
+    options: list[tuple[Job, PickOption]] = field(default_factory=list)
+    """All options with their jobs; their indices name them in tours that are certified."""
+    numbers: list[int] = field(default_factory=list)
+    """The indices of the options of the present problem, whose jobs are not left out."""
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
     required: Precedence = field(default_factory=lambda: Precedence(()))
     """The precedence without the pairs that only failed motions suggest, which must not raise the lower bound."""
@@ -310,7 +313,7 @@ class SequenceRun:
         jobs = connected(setup, setup.checker.with_scene(fixed), start, jobs)
         self.precedence = self.given.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
         self.required = self.precedence
-        self.jobs = jobs
+        self.jobs, self.options = jobs, [(job, option) for job in jobs for option in job.options]
         # picks without an option are left out
         failed = {}
         for i, job in enumerate(jobs):
@@ -329,28 +332,14 @@ class SequenceRun:
                 out[i] = f"{names[first]} is left out: {reasons[first, i]}"
         self.left_out += [LeftOut(names[i], why) for i, why in out.items()]
         left = [i for i in range(len(names)) if i not in out]
-        new = {old: k for k, old in enumerate(left)}
         self.jobs = [self.jobs[i] for i in left]
         self.precedence, self.required = self.precedence.of(left), self.required.of(left)
-        old_numbers = self.numbers
-        self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
+        remaining = set(self.jobs)
+        self.numbers = [number for number, (job, _) in enumerate(self.options) if job in remaining]
         self.partial = None
-        # what is known of the options is kept under their new numbers
-        number_of = {pair: number for number, pair in enumerate(self.numbers)}
-        number = {i: number_of[new[k], o] for i, (k, o) in enumerate(old_numbers) if k in new} | {START: START}
-        self.steps = {
-            (number[a], number[b], Moved(number[option] for option in moved)): step
-            for (a, b, moved), step in self.steps.items()
-            if {a, b, *moved} <= number.keys()
-        }
-        self.known = {
-            tuple(number[option] for option in key): motions
-            for key, motions in self.known.items()
-            if number.keys() >= set(key)
-        }
-        self.searched = {
-            (number[a], number[b], name, seconds) for a, b, name, seconds in self.searched if {a, b} <= number.keys()
-        }
+        # certified transits connect options only while both are part of the problem
+        known = {START, *self.numbers}
+        self.steps = {(a, b, moved): step for (a, b, moved), step in self.steps.items() if {a, b, *moved} <= known}
 
     # -- the order ----------------------------------------------------------------------------------------------------
 
@@ -358,14 +347,14 @@ class SequenceRun:
         """The order as a tour problem, with lower bounds of all times."""
         arm = self.setup.checker.arm
         bounds = Bounds.of(arm.limits, arm.joint_names)
-        options = [self.jobs[k].options[o] for k, o in self.numbers]
+        options = [self.options[number][1] for number in self.numbers]
         entrances = np.array([option.entrance for option in options])
         exits = np.array([option.exit for option in options])
         between = np.array([least_times(entrances - q, bounds) for q in exits])
         first, last = self.ends
         zeros = np.zeros(len(options))
         return TourProblem(
-            np.array([k for k, _ in self.numbers]),
+            np.repeat(np.arange(len(self.jobs)), [len(job.options) for job in self.jobs]),
             zeros if first is None else least_times(entrances - first, bounds),
             zeros if last is None else least_times(exits - last, bounds),
             np.array([option.seconds for option in options]),
@@ -506,7 +495,7 @@ class SequenceRun:
                 if key not in self.searched and LongMotions.of(self.setup, motion):
                     long.setdefault(k, []).append(motion.name)
         steps = [
-            (certified.scenes[k], self.jobs[self.numbers[certified.places[k][1]][0]], certified.verdicts[k], names)
+            (certified.scenes[k], self.options[certified.places[k][1]][0], certified.verdicts[k], names)
             for k, names in long.items()
         ]
         self.runner.report("shorten", 0, len(steps))
@@ -522,9 +511,9 @@ class SequenceRun:
         # the steps of the tour, and the scenes before each of them and after the last one
         previous, moved, scenes = START, Moved(), [self.setup.checker.scene]
         places: list[Place] = []
-        for number in tour.options:
+        for number in (self.numbers[k] for k in tour.options):
             places.append((previous, number, moved))
-            job, option = self._choice(number)
+            job, option = self.options[number]
             scenes.append(scene_after(scenes[-1], job, option))
             if job.before is not None or option.after is not None:
                 moved |= {number}
@@ -533,18 +522,20 @@ class SequenceRun:
         missing = [k for k, place in enumerate(places) if place not in self.steps]
         steps = []
         for k in missing:
-            previous, number, _ = places[k]
-            job, option = self._choice(number)
-            q = self._choice(previous)[1].exit if previous != START else self.ends[0]
-            known = self.known.get((number,), {}) | self.known.get((previous, number), {})
-            index = self.numbers[number][0]
-            steps.append(SequencedPick(scenes[k], option.entrance if q is None else q, job, option, index, known))
+            before, number, _ = places[k]
+            job, option = self.options[number]
+            q = self.options[before][1].exit if before != START else self.ends[0]
+            known = self.known.get((number,), {}) | self.known.get((before, number), {})
+            step = SequencedPick(
+                scenes[k], option.entrance if q is None else q, job, option, self.jobs.index(job), known
+            )
+            steps.append(step)
         self.runner.report("motions", 0, len(steps))
         try:
             self.runner.run("motions", StepMotions(self.setup), steps, CHUNK)
         finally:  # also after Ctrl-C
-            for k, step in self.runner.rows["motions"].items():
-                self._keep(places[missing[k]], step)
+            for k, row in self.runner.rows["motions"].items():
+                self._keep(places[missing[k]], row)
             verdicts: list[PickVerdict] = []
             for place in places:
                 verdict = self.steps.get(place)
@@ -553,24 +544,18 @@ class SequenceRun:
                 verdicts.append(verdict)
             made = self.partial = _CertifiedTour(tour, verdicts, scenes, places)
         failures = [
-            (failure, previous, option)
-            for previous, option, moved in places
-            if isinstance(failure := self.steps[previous, option, moved], MotionFailure)
+            (failure, earlier, option)
+            for place, earlier, option in zip(places, (START, *tour.options), tour.options, strict=False)
+            if isinstance(failure := self.steps[place], MotionFailure)
         ]
-        last = tour.options[-1]
         if self.ends[1] is not None:
-            own = self.known.setdefault((last, START), {})
-            closing = closing_motion(self.setup, scenes[-1], self._choice(last)[1].exit, self.ends[1], own)
+            own = self.known.setdefault((previous, START), {})
+            closing = closing_motion(self.setup, scenes[-1], self.options[previous][1].exit, self.ends[1], own)
             if isinstance(closing, MotionFailure):
-                failures.append((closing, last, START))
+                failures.append((closing, tour.options[-1], START))
             else:
                 made.closing, own["transit"] = closing, closing.trajectory
         return made, failures
-
-    def _choice(self, number: int) -> tuple[Job, PickOption]:
-        """The job and the option with this number."""
-        job, chosen = self.numbers[number]
-        return self.jobs[job], self.jobs[job].options[chosen]
 
     def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
         """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
@@ -612,13 +597,14 @@ class SequenceRun:
             elif step.part == "transit":
                 failed.append((a, b))
         for end in ends:
-            group, queue = {end}, [end]
+            queue = [START if end == START else self.numbers[end]]
+            group = set(queue)
             for option in queue:
                 more = near.get(option, set()) - group
                 group |= more
                 queue += more
             if START not in group and sum((a in group) != (b in group) for a, b in failed) >= UNREACHED:
-                return group
+                return {k for k, number in enumerate(self.numbers) if number in group}
         return set()
 
     # -- the result ---------------------------------------------------------------------------------------------------
@@ -629,10 +615,10 @@ class SequenceRun:
         steps: list[SequenceStep] = []
         now = 0.0
         if certified is not None:
-            for number, verdict, scene in zip(
-                certified.tour.options, certified.verdicts, certified.scenes, strict=False
+            for (_, number, _), verdict, scene in zip(
+                certified.places, certified.verdicts, certified.scenes, strict=False
             ):
-                pick = self.picks[self.given.names.index(self.precedence.names[self.numbers[number][0]])]
+                pick = self.picks[self.given.names.index(self.options[number][0].pick.name)]
                 steps.append(SequenceStep(pick, verdict, scene, now, *self.dwell))
                 now = steps[-1].end
         return SequenceResult(

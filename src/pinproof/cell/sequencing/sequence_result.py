@@ -8,11 +8,11 @@ from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 
-from pinproof.cell.pages import MOST_FRAMES, RATE, CellPage, CellRow
+from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Certificate, Scene, proven_millimetres
 from pinproof.common.files import csv_text
-from pinproof.common.results import Rows, Saved, View, Written, markdown
+from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
 from pinproof.common.structs import (
     ANY_TEXT,
     INTEGER,
@@ -31,7 +31,7 @@ from pinproof.common.structs import (
     struct,
     table_of,
 )
-from pinproof.errors import InputError, NoAnswer
+from pinproof.errors import InputError
 from pinproof.model import Arm, guess_mark
 from pinproof.motion import Bounds, MotionProgram, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
@@ -59,7 +59,12 @@ class SequencePhase:
     )
     start: float = key("from the start of the sequence", "s", minimum=0)
     duration: float = key("duration", "s", minimum=0)
-    certificate: Certificate | None = key("the certificate of a motion; None for a dwell time", hidden=True)
+    motion: PickMotion | None = key("the certified motion; None for a dwell time", hidden=True)
+
+    @property
+    def certificate(self) -> Certificate | None:
+        """The certificate of a motion; None for a dwell time."""
+        return None if self.motion is None else self.motion.certificate
 
     @property
     @reported("m", kind=OPTIONAL_NUMBER)
@@ -109,13 +114,13 @@ class SequenceStep:
         grip_after = max(k for k, motion in enumerate(motions) if motion.name in ("transit", "approach"))
         released = [k for k, motion in enumerate(motions) if motion.name in ("transfer", "place")]
         for k, motion in enumerate(motions):
-            parts = [SequencePhase(motion.name, now, motion.trajectory.duration, motion.certificate)]
+            parts = [SequencePhase(motion.name, now, motion.trajectory.duration, motion)]
             if k == grip_after:
                 parts.append(SequencePhase("grip", 0.0, self.grip_dwell, None))
             if released and k == released[-1]:
                 parts.append(SequencePhase("release", 0.0, self.release_dwell, None))
             for phase in parts:
-                if phase.certificate is not None or phase.duration > 0.0:
+                if phase.motion is not None or phase.duration > 0.0:
                     phases.append(replace(phase, start=now))
                     now += phase.duration
         return tuple(phases)
@@ -188,7 +193,7 @@ SLOWEST, SHOWN = 3, 20
     version="pinproof/sequence/1",
     eq=False,
 )  # fmt: skip
-class SequenceResult(Saved, Written):
+class SequenceResult(Answer, Saved, Written):
     """A sequence of picks. Readers must accept unknown keys: they are additions of the same version."""
 
     formats = (".json", ".csv", ".md", ".html")
@@ -389,18 +394,9 @@ class SequenceResult(Saved, Written):
     def _write_page(self, path: str | Path) -> None:
         write_sequence_page(self, path)
 
-    def or_raise(self) -> SequenceResult:
-        """Return the result if every pick is part of the sequence.
-
-        Raises
-        ------
-        NoAnswer
-            If a pick is left out, or the search was interrupted.
-        """
-        if self.ok:
-            return self
+    def _why_not(self) -> str:
         reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
-        raise NoAnswer(f"the sequence lacks picks: {reasons}")
+        return f"the sequence lacks picks: {reasons}"
 
 
 DETOUR = 1.1
@@ -546,24 +542,13 @@ def write_sequence_page(
     stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
     # The film of all motions, with rests at dwell times
     own = {thing.name for thing in setup.shared.open_tool}
-    pieces = [
-        (phase.start, motion)
-        for step in result.steps
-        for phase, motion in zip(
-            [phase for phase in step.phases if phase.name not in ("grip", "release")], step.verdict.motions, strict=True
-        )
-    ]
+    timed = [(phase.start, phase.motion) for step in result.steps for phase in step.phases]
     end = result.steps[-1].end
-    closing = [] if result.closing is None else [(end, result.closing)]
-    phases = [
-        FilmPhase(
-            motion.trajectory,
-            tuple(thing for thing in motion.attached if thing.name not in own),
-            held=motion.held,
-            start=start,
-        )
-        for start, motion in [*pieces, *closing]
-    ]
+    phases = []
+    for start, motion in [*timed, (end, result.closing)]:
+        if motion is not None:
+            carried = tuple(thing for thing in motion.attached if thing.name not in own)
+            phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
     # The rows of the table, and the bars of the chart
     rows = [
         CellRow(time.name, time.start, time.duration, step.verdict.clearance, time.limited_by)
@@ -574,25 +559,27 @@ def write_sequence_page(
         for step in result.steps
         for phase in step.phases
     ]
-    bars += [Bar("transit", "transit", end, motion.trajectory.duration, "transit") for end, motion in closing]
+    if result.closing is not None:
+        bars.append(Bar("transit", "transit", end, result.closing_time, "transit"))
     free = "FREE" if all(motion.certificate.free for motion in result.motions) else "UNPROVEN"
-    page = CellPage(
-        title or f"Cell of {arm.robot.name}",
-        result.message,
-        [
-            (f"cycle{guess_mark(arm.limits.acceleration_source)}", f"{result.duration:.1f} s"),
+    write_cell_page(
+        path,
+        stage,
+        film(stage, phases, rate=RATE, most=MOST_FRAMES),
+        title=title or f"Cell of {arm.robot.name}",
+        summary=result.message,
+        figures=[
+            (f"cycle{guess_mark(result.acceleration_source)}", f"{result.duration:.1f} s"),
             ("parts per minute", f"{result.parts_per_minute:.1f}"),
             ("above the lower bound", f"{100 * result.gap:.1f} %"),
             (f"motions, smallest proven clearance {proven_millimetres(result.clearance)}", free),
         ],
-        [
-            f"Not covered: {note}"
-            for note in setup.not_covered({step.pick.carried is not None for step in result.steps})
-        ],
-        result.duration,
-        rows,
-        [(pick.name, pick.reason) for pick in result.left_out],
-        bars,
-        PHASES,
+        notes=[f"Not covered: {note}" for note in result.notes],
+        duration=result.duration,
+        rows=rows,
+        left_out=result.left_out,
+        bars=bars,
+        lanes=PHASES,
+        acceleration_source=result.acceleration_source,
+        heat_map=heat_map,
     )
-    page.write(path, stage, film(stage, phases, rate=RATE, most=MOST_FRAMES), arm.limits.acceleration_source, heat_map)

@@ -182,6 +182,7 @@ class Monitor(Shown):
         position_error: npt.ArrayLike = 0.0,
         velocity_error: npt.ArrayLike = 0.0,
     ) -> None:
+        # the motion and the settings
         n = checker.group.dof
         if not isinstance(trajectory, Trajectory):
             raise InputError(f"a monitor needs a Trajectory, not a {type(trajectory).__name__}; time it first")
@@ -196,6 +197,7 @@ class Monitor(Shown):
         self._position_error = _each("position_error", position_error, n)
         self._velocity_error = _each("velocity_error", velocity_error, n)
         self._certificate, self._tolerance = self._certified(certificate, joint_tolerance)
+        # what the state may deviate within the latency beyond what is measured, which the tube must cover
         drift = self._velocity_error * latency + (self._acceleration + trajectory.max_acceleration()) * latency**2 / 2
         self._spread = self._position_error + drift
         if (self._spread >= self._tolerance).any():
@@ -205,6 +207,7 @@ class Monitor(Shown):
                 f"than is measured, but the tube covers {self._tolerance[j]:.4g}; increase joint_tolerance, or lower "
                 "latency or the errors"
             )
+        # samples for a robot that is early or late, and what is known of the last measurements
         count = int(np.clip(trajectory.duration * SAMPLES_PER_SECOND, FEWEST, MOST))
         self._times = np.linspace(0.0, trajectory.duration, count)
         self._samples = np.asarray(trajectory(self._times))
@@ -215,6 +218,7 @@ class Monitor(Shown):
     def _certified(self, given: Certificate | None, joint_tolerance: npt.ArrayLike | None) -> tuple[Certificate, Array]:
         """Return a FREE certificate of the motion and the tolerance (n,) that it covers."""
         checker, trajectory = self._checker, self._trajectory
+        # a given certificate must be for this motion and setup, and counts only if it covers the same pairs
         same = False
         if given is not None:
             require_type("certificate", given, Certificate)
@@ -227,6 +231,7 @@ class Monitor(Shown):
             # The hash of the setup contains neither the contacts that a checker allows nor its link meshes.
             pairs = given.pairs, given.excluded, given.notes
             same = pairs == (len(checker.pairs), tuple(checker.excluded), notes_of(checker, files))
+        # the wanted tolerance, by default the covered one; a certificate for another one is replaced
         covered = np.zeros(checker.group.dof) if given is None or given.tube is None else given.tube.joints
         default = JOINT_TOLERANCE if given is None else covered
         wanted = default if joint_tolerance is None else joint_tolerance
@@ -266,6 +271,7 @@ class Monitor(Shown):
         InputError
             If ``time`` is not finite, or a shape is wrong.
         """
+        # The measurement: misuse raises, and what a sensor may send is INVALID
         names = self._trajectory.joint_names
         if not isinstance(time, (int, float, np.number)) or not np.isfinite(time):
             raise InputError(f"time = {time!r}; it must be a finite number of seconds")
@@ -299,6 +305,7 @@ class Monitor(Shown):
                 progress, deviation = closest, other
         if (deviation <= self._tolerance).all():
             return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation, q=at, dq=rate)
+        # Outside of the tube, the stop from the present state is judged
         j = int((deviation / self._tolerance).argmax())
         path, tolerance, stop = self.stopping(at, rate)
         return MonitorResult(
@@ -370,6 +377,7 @@ class Monitor(Shown):
 
     def _moved_since_change(self, time: float, q: Array, dq: Array, *, measured: bool) -> Array:
         """Return (n,) the least distance that each joint must have moved since q last changed, which is 0 if it did."""
+        # While q repeats, a joint that moved brakes at its limit at most, unless dq states that it still moves
         before = self._last
         if before is not None and before[0] < time and np.array_equal(q, before[1]):
             step, limit = time - before[0], self._acceleration
@@ -399,11 +407,13 @@ class Monitor(Shown):
 
         A motion may pass a configuration several times: of those that are similarly close, the nearest in time counts.
         """
+        # The local minima among the samples, then the nearest of these in time
         off = (np.abs(self._samples - q) / self._tolerance).max(axis=1)
         padded = np.concatenate([[np.inf], off, [np.inf]])
         lowest = (off <= padded[:-2]) & (off <= padded[2:]) & (off <= off.min() + SIMILAR)
         found = np.flatnonzero(lowest)
         k = int(found[np.abs(self._times[found] - time).argmin()])
+        # Between the samples beside it, the search continues with a smaller step
         times = np.linspace(self._times[max(k - 1, 0)], self._times[min(k + 1, len(self._times) - 1)], REFINED)
         near = (np.abs(np.asarray(self._trajectory(times)) - q) / self._tolerance).max(axis=1)
         return float(times[int(near.argmin())])

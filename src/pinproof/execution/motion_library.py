@@ -309,6 +309,7 @@ class MotionLibrary(Shown):
         """
         if not min(joints, position, angle) > 0.0:
             raise InputError(f"joints = {joints}, position = {position} and angle = {angle} must be above 0")
+        # The differences at both ends as shares of the tolerances; their sum orders what is found
         found = []
         for motion in self:
             if free and not motion.free:
@@ -327,6 +328,7 @@ class MotionLibrary(Shown):
         if not isinstance(wanted, SE3) and np.shape(wanted) != (4, 4):
             target = finite("a start or goal", wanted, (self._checker.group.dof,))
             return float(np.abs(q - target).max()) / joints
+        # The angle between two orientations from the sine and the cosine, which is accurate also for small ones
         pose = matrix(rigid("a start or goal", wanted))
         here = matrix(only_arm(self._checker.group).forward_kinematics(q))
         turn = pose[:3, :3].T @ here[:3, :3]
@@ -365,18 +367,21 @@ class MotionLibrary(Shown):
         RepairResult
             With the new library; not ``ok`` if no free motion was found.
         """
+        # A quintic needs a jerk limit where it is timed again
         motion = self[name]
         if motion.free:
             return RepairResult(self, motion, None, None, f"{name} is collision-free; nothing was replaced")
         trajectory, plan, reason = motion.trajectory, None, ""
         if jerk is None and trajectory.accelerations is not None:
             jerk = np.maximum(trajectory.max_jerk(), trajectory.max_jerk().max() * 1e-3)
+        # Larger parts are replaced until the whole motion is certified
         for first, last in self._parts(motion):
             ends = trajectory(np.array([first, last]))
             plan = planner_of(planner).plan(self._checker.padded(clearance), ends[0], ends[1], rng=rng)
             if not plan.ok:
                 reason = plan.message
                 continue
+            # The detour begins and ends at rest, as the motion does there
             path = shortcut(plan.path, plan.checker, rng=rng)
             detour = time_parametrise(path, self._checker.group.limits, jerk=jerk)
             parts = [trajectory.split(first)[0]] if first > 0.0 else []
@@ -394,6 +399,7 @@ class MotionLibrary(Shown):
 
     def _parts(self, motion: StoredMotion) -> Iterator[tuple[float, float]]:
         """Parts of a motion that contain all collisions, between points of rest that are free, shortest first."""
+        # The times between which something is in collision or undecided
         trajectory, certificate = motion.trajectory, motion.certificate
         times = np.linspace(0.0, trajectory.duration, SAMPLES)
         bad = list(times[~self._checker.is_free_batch(trajectory(times))])
@@ -402,6 +408,7 @@ class MotionLibrary(Shown):
         if certificate.undecided is not None:
             bad += [certificate.undecided.start, certificate.undecided.end]
         first, last = min(bad, default=0.0), max(bad, default=trajectory.duration)
+        # A part begins and ends where the motion rests in a free configuration
         rests = [
             float(t)
             for t, v, q in zip(trajectory.times, trajectory.velocities, trajectory.q, strict=True)

@@ -101,6 +101,7 @@ def display_trajectory(
     held
         Positions (rad or m) of other joints at the start, such as the fingers.
     """
+    # RViz shows the robot where the first motion starts
     if not trajectories:
         raise InputError("display_trajectory needs at least one trajectory")
     first = trajectories[0]
@@ -185,6 +186,7 @@ def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointClo
     InputError
         If a field is missing, its type is unknown, or the data have another size than the fields state.
     """
+    # The layout of a point: where its coordinates are, and of which type
     where = "PointCloud2"
     step, width, height, row = (
         int(_field(message, key, where)) for key in ("point_step", "width", "height", "row_step")
@@ -202,6 +204,7 @@ def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointClo
             raise InputError(f"the field {name} of the {where} is beyond point_step = {step}")
         formats.append(order + kind)
         offsets.append(offset)
+    # The bytes, whose number must agree with what the message states
     stated = _field(message, "data", where)
     try:
         data = np.frombuffer(stated if isinstance(stated, (bytes, bytearray)) else bytes(stated), dtype=np.uint8)
@@ -212,6 +215,7 @@ def read_point_cloud2(message: Mapping[str, Any], resolution: float) -> PointClo
             f"the {where} has {len(data)} bytes; {height} rows of {row} bytes with {width} points of {step} bytes were "
             "expected"
         )
+    # The points without the padding between the rows
     layout = np.dtype({"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": step})
     rows = np.ascontiguousarray(data.reshape(height, row)[:, : width * step]).view(layout).reshape(-1)
     return PointCloud(np.column_stack([rows[name].astype(float) for name in "xyz"]), resolution)
@@ -229,6 +233,7 @@ def read_joint_state(message: Mapping[str, Any], joint_names: Sequence[str]) -> 
     InputError
         If the numbers of names and values differ, or a joint occurs twice.
     """
+    # Joints are matched by name; the message may have others
     names = [str(name) for name in _field(message, "name", "JointState")]
     order = []
     for name in joint_names:
@@ -370,6 +375,7 @@ class CertifiedExecution:
         read, or is not later than the one before, is answered by the stop too; so is a time of the last measurement
         that is more than ``timeout`` before or after ``seconds``, by :meth:`on_clock`.
         """
+        # After a stop because of silence, this state is not judged any more
         if (silence := self.on_clock(seconds)).alarm:
             return silence
         before, self._last = self._last, None
@@ -422,6 +428,7 @@ class CertifiedExecution:
         self, message: Mapping[str, Any], trajectory: Trajectory, monitor: Monitor, seconds: float
     ) -> str:
         """Why the robot, or the start that the message states, is not at the start of a motion; empty if both are."""
+        # Where the robot is, and how fast it moves there
         state = self._last
         if state is None or not abs(seconds - state.time) <= self.timeout:
             return f"no joint state was received in the last {self.timeout:g} s"
@@ -434,6 +441,7 @@ class CertifiedExecution:
             j = int(off.argmax())
             where = f"{state.q[j]:.6g}, with a velocity of {state.dq[j]:.3g}"
             return f"the robot is not at its start: {trajectory.joint_names[j]} is at {where}"
+        # What the message states of the start must agree with what is certified
         stated = message.get("trajectory_start") or {}
         if stated.get("attached_collision_objects"):
             return "its trajectory_start has attached objects, which are not certified"

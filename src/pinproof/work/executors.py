@@ -110,14 +110,15 @@ class LocalExecutor(ProcessPoolExecutor):
 
 
 def _watch_parent(parent_end: Connection) -> None:
-    threading.Thread(target=_exit_with_parent, args=(parent_end,), daemon=True).start()
+    """End this process when the other end of the pipe is closed."""
 
+    def exit_with_parent() -> None:
+        try:
+            parent_end.recv()  # nothing is ever sent
+        except (EOFError, OSError):
+            os._exit(1)
 
-def _exit_with_parent(parent_end: Connection) -> None:
-    try:
-        parent_end.recv()  # nothing is ever sent
-    except (EOFError, OSError):
-        os._exit(1)
+    threading.Thread(target=exit_with_parent, daemon=True).start()
 
 
 def usable_cores() -> int:
@@ -295,7 +296,8 @@ class TrackedExecutor:
             yield from self._broken(error)
             return
         except Exception as error:
-            if not _killed_workers(error):
+            # Dask gives up a task after it has retried it several times because its workers died
+            if type(error).__name__ != "KilledWorker" or not type(error).__module__.startswith("distributed."):
                 if chunk is None:
                     raise CampaignError(f"the workers cannot load the task: {_error_text(error)}") from error
                 raise
@@ -394,11 +396,6 @@ def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 
-def _killed_workers(error: Exception) -> bool:
-    """Whether Dask gave up a task because its workers died; Dask has then already retried it several times."""
-    return type(error).__name__ == "KilledWorker" and type(error).__module__.startswith("distributed.")
-
-
 MAX_CRASHES_FIRST = 10
 """Number of picks that may crash at the start of a run before any pick was judged; the run then fails."""
 
@@ -440,6 +437,7 @@ def do_chunks(
         require_integer("chunk", chunk, 1)
     if executor is not None and workers is not None:
         raise InputError("workers is the number of local processes and cannot be combined with an executor")
+    # The executors, each with its own pending chunks; those that the caller keeps are not closed
     kept = isinstance(executor, LocalWorkers)
     if executor is None:
         executor = LocalWorkers(usable_cores() if workers is None else workers)

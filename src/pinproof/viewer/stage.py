@@ -382,17 +382,19 @@ def film_of_elbow(stage: Drawing, curve: SelfMotionCurve, frames: Sequence[str] 
         parts = int(np.ceil(np.abs(after - before).max() / ELBOW_STEP))
         values.append(np.linspace(low, high, max(parts, 1) + 1)[1:])
     parameters = np.concatenate(values)
-    many = [curve.at(value) for value in parameters.tolist()]
-    named = dict(zip(frames, np.stack([stage.frame_poses(q, frames) for q in many]).swapaxes(0, 1), strict=True))
-    poses = np.stack([stage.link_poses(q) for q in many])
-    tcps = np.stack([stage.tcp_poses(q)[:, :3, 3] for q in many])
-    return Film(parameters - curve.lower, poses, tcps, frames=named)
+    return film_at(stage, parameters - curve.lower, [curve.at(value) for value in parameters.tolist()], frames)
+
+
+def film_at(stage: Drawing, times: Array, configurations: Iterable[Array], frames: Sequence[str] = ()) -> Film:
+    """Key frames at these times (F,) and configurations (F, n), without carried objects."""
+    rows = [(stage.link_poses(q), stage.tcp_poses(q)[:, :3, 3], stage.frame_poses(q, frames)) for q in configurations]
+    poses, tcps, named = (np.stack(part) for part in zip(*rows, strict=True))
+    return Film(times, poses, tcps, frames=dict(zip(frames, named.swapaxes(0, 1), strict=True)))
 
 
 def still(stage: Drawing, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single key frame at the configuration q (n,)."""
-    named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
-    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_poses(q)[None, :, :3, 3], frames=named)
+    return film_at(stage, np.zeros(1), [q], frames)
 
 
 def tracks(

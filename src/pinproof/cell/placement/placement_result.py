@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -278,8 +278,50 @@ class PlacementResult(Answer, Saved, Written):
         return self._whole_map().to_csv()
 
     def _png(self) -> bytes:
-        judged = [candidate.placement for candidate in self.candidates]
-        return heat_map_picture(self._whole_map(), self.region, judged, best=self.ok)
+        """The share of picks that pass the screening and the estimated cycle time, one row per choice."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        grid, judged = self._whole_map(), [candidate.placement for candidate in self.candidates]
+        figure = Figure(figsize=(10.5, 4.2 * len(grid.choices) + 0.4), layout="constrained")
+        FigureCanvasAgg(figure)
+        panels = figure.subplots(len(grid.choices), 2, squeeze=False)
+        # the edges of the cells; a single cell without extent is drawn 1 cm wide
+        x, y = (
+            np.linspace(low, high, len(centres) + 1) if high > low else np.array([low - 0.005, low + 0.005])
+            for centres, (low, high) in zip(grid.axes[:2], (self.region.x, self.region.y), strict=True)
+        )
+        for number, name in enumerate(grid.choices):
+            share = grid.over_floor(grid.share, number)
+            seconds = grid.over_floor(grid.seconds, number, np.nanmin)
+            for panel, values, label, colours, limits in (
+                (panels[number][0], share, "share of picks that pass screening", "viridis", (0.0, 1.0)),
+                (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
+            ):
+                if np.isfinite(values).any():
+                    image = panel.pcolormesh(x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1])
+                    figure.colorbar(image, ax=panel, label=label, shrink=0.85)
+                else:
+                    panel.text(0.5, 0.5, f"no {label.split(' [')[0]}", transform=panel.transAxes, ha="center", zorder=3,
+                               bbox={"facecolor": WHITE, "edgecolor": GREY})  # fmt: skip
+                for placement in judged:
+                    if placement.choice == name:
+                        star = self.ok and placement is judged[0]
+                        panel.plot(
+                            placement.x, placement.y, "*" if star else "o", color=RED if star else WHITE,
+                            markeredgecolor=INK, markersize=15 if star else 6, clip_on=False, zorder=3 if star else 2,
+                        )  # fmt: skip
+                panel.set(
+                    xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), aspect="equal", facecolor=GREY,
+                    xlabel="x of the base [m]", ylabel="y of the base [m]",
+                )  # fmt: skip
+                panel.set_title(name or "best over z and yaw", fontsize=10)
+        legend = "star, best certified; " if self.ok else ""
+        legend += "circle, judged; " if len(judged) > self.ok else ""
+        figure.suptitle(f"Placements of the base: {legend}grey, no placement", fontsize=11)
+        out = io.BytesIO()
+        figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
+        return out.getvalue()
 
     def _whole_map(self) -> PlacementMap:
         if self.map is None:
@@ -405,58 +447,3 @@ class PlacementMap(Shown, Written):
             for number, values, base, row in zip(*columns, strict=True)
         )
         return csv_text(("choice", *AXES, "base_free", "share", "estimated_seconds", "estimate"), rows)
-
-
-def heat_map_picture(
-    grid: PlacementMap,
-    region: PlacementRegion,
-    judged: Sequence[Placement],
-    *,
-    best: bool,
-) -> bytes:
-    """A PNG with the share of picks that pass the screening and the estimated cycle time, one row per choice.
-
-    ``best`` states whether every pick is good at the first of the ``judged`` placements.
-    """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.5, 4.2 * len(grid.choices) + 0.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(grid.choices), 2, squeeze=False)
-    # the edges of the cells; a single cell without extent is drawn 1 cm wide
-    x, y = (
-        np.linspace(low, high, len(centres) + 1) if high > low else np.array([low - 0.005, low + 0.005])
-        for centres, (low, high) in zip(grid.axes[:2], (region.x, region.y), strict=True)
-    )
-    for number, name in enumerate(grid.choices):
-        share = grid.over_floor(grid.share, number)
-        seconds = grid.over_floor(grid.seconds, number, np.nanmin)
-        for panel, values, label, colours, limits in (
-            (panels[number][0], share, "share of picks that pass screening", "viridis", (0.0, 1.0)),
-            (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
-        ):
-            if np.isfinite(values).any():
-                image = panel.pcolormesh(x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1])
-                figure.colorbar(image, ax=panel, label=label, shrink=0.85)
-            else:
-                panel.text(0.5, 0.5, f"no {label.split(' [')[0]}", transform=panel.transAxes, ha="center", zorder=3,
-                           bbox={"facecolor": WHITE, "edgecolor": GREY})  # fmt: skip
-            for placement in judged:
-                if placement.choice == name:
-                    star = best and placement is judged[0]
-                    panel.plot(
-                        placement.x, placement.y, "*" if star else "o", color=RED if star else WHITE,
-                        markeredgecolor=INK, markersize=15 if star else 6, clip_on=False, zorder=3 if star else 2,
-                    )  # fmt: skip
-            panel.set(
-                xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), aspect="equal", facecolor=GREY,
-                xlabel="x of the base [m]", ylabel="y of the base [m]",
-            )  # fmt: skip
-            panel.set_title(name or "best over z and yaw", fontsize=10)
-    legend = "star, best certified; " if best else ""
-    legend += "circle, judged; " if len(judged) > best else ""
-    figure.suptitle(f"Placements of the base: {legend}grey, no placement", fontsize=11)
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()

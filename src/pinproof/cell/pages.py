@@ -6,7 +6,7 @@ import csv
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from pinproof.viewer import (
     tool_points,
     tracks,
 )
-
-if TYPE_CHECKING:
-    from pinproof.cell.sequencing.sequence_result import LeftOut
 
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
@@ -70,7 +67,7 @@ def write_cell_page(
     notes: Sequence[str],
     duration: float,
     rows: Sequence[CellRow],
-    left_out: Sequence[LeftOut],
+    left_out: Sequence[tuple[str, str]],
     bars: Sequence[Bar],
     lanes: Sequence[str],
     acceleration_source: str,
@@ -102,7 +99,7 @@ def write_cell_page(
     for number, row in enumerate(rows, start=1):
         figured = f"{row.start:.2f} s", f"{row.duration:.2f} s", proven_millimetres(row.clearance)
         cells.append((number, row.name, *figured, row.limited_by))
-    cells += [("", pick.name, "left out", "", "", pick.reason) for pick in left_out]
+    cells += [("", name, "left out", "", "", reason) for name, reason in left_out]
     notes = [
         "Motions are resampled for display; the proofs hold for the original motions.",
         *notes,

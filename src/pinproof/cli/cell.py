@@ -200,11 +200,6 @@ def cell_allocate(
     print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=result.ok)
 
 
-SUFFIXES = (".json", ".csv", ".png", ".md")
-TABLES = (".json", ".csv", ".md")
-"""The files of a placement, and of the other studies."""
-
-
 @dataclass(frozen=True)
 class SearchOptions:
     """What is searched."""
@@ -309,7 +304,7 @@ def cell_place(
     Example: pinproof cell place robots/ur5/plate_picks.yaml --region "-0.3 0.1 -0.3 0.3" --grid 200 -o place.json
     """
     # A wrong name of an output or region costs no search.
-    is_folder = output is not None and check_report_output(output, SUFFIXES)
+    is_folder = output is not None and check_report_output(output, pp.cell.PlacementResult.formats)
     region = search.found_region()
     arm, scene, source = cell.open(file)
     try:
@@ -336,7 +331,7 @@ def cell_place(
     # The result, its map if there is one, and the report on the picks at the best placement.
     files = [] if output is None else [output]
     if output is not None and is_folder:
-        files = [output / f"placement{kind}" for kind in (SUFFIXES if found.map is not None else (".json", ".md"))]
+        files = [output / f"placement{kind}" for kind in (found.formats if found.map is not None else (".json", ".md"))]
     for path in files:
         found.save(path)
     if output is not None and is_folder and found.least_failing is not None:
@@ -372,7 +367,7 @@ def cell_compare(
 
     Example: pinproof cell compare robots/ur5/picks.yaml --place "-0.05 -0.05 0"
     """
-    check_output_files([output], [file, against], TABLES)
+    check_output_files([output], [file, against], pp.cell.CellComparison.formats)
     # The options replace what the second file states
     with pool.settings() as settings:
         reports = []
@@ -402,7 +397,7 @@ def cell_tolerance(
 
     Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
     """
-    check_output_files([output], [file], TABLES)
+    check_output_files([output], [file], pp.cell.ToleranceStudy.formats)
     angles = numbers(rotation, "--rotation", "angle")
     refuse_degrees("--rotation", angles)
     # The picks are judged once; the study certifies their motions again for displaced parts

@@ -16,7 +16,7 @@ from pinproof.collision import Scene
 from pinproof.common import theme
 from pinproof.common.theme import SERIES
 from pinproof.model import JointGroup
-from pinproof.motion import MotionLimits, Panel, RateConstraint, Trajectory, panels_of
+from pinproof.motion import Bounds, MotionLimits, Panel, RateConstraint, Trajectory, panels_of
 from pinproof.spatial import Array
 from pinproof.viewer import panels
 from pinproof.viewer.panels import legend
@@ -178,15 +178,7 @@ class PlotLimits:
         lower, upper = limits.lower, limits.upper
         velocity, acceleration = (np.where(np.isnan(rates), np.inf, rates) for rates in (limits.velocity, acceleration))
         jerk = None if limits.jerk is None else np.where(np.isnan(limits.jerk), np.inf, limits.jerk)
-        return cls(_Known(lower, upper, velocity, acceleration), jerk)
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
+        return cls(Bounds(velocity, acceleration, None, lower, upper, ""), jerk)
 
 
 def plots_html(trajectory: Trajectory, drawn: PlotLimits) -> str:

@@ -420,7 +420,7 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
         notes=[f"Not proven: {result.reason}"] * bool(result.reason) + [f"Not covered: {n}" for n in result.notes],
         duration=result.makespan,
         rows=sorted(rows, key=lambda row: row.start),
-        left_out=result.missing,
+        left_out=[(pick.name, pick.reason) for pick in result.missing],
         bars=sorted(bars, key=lambda bar: arms.index(bar.lane)),
         lanes=arms,
         acceleration_source=result.group.limits.acceleration_source,

@@ -295,16 +295,9 @@ class PlacedRobot:
     @cached_property
     def wide_arm(self) -> Arm:
         """The arm whose first four joints are those of the placement."""
-        return self.arm_within(np.full(4, -FARTHEST), np.full(4, FARTHEST))
-
-    def arm_within(self, lower: Array, upper: Array) -> Arm:
-        """:attr:`wide_arm` with the placement joints limited to (4,) ``lower`` and ``upper``."""
-        own = self.original.limits
-        limits = JointLimits(
-            np.concatenate([lower, own.lower]),
-            np.concatenate([upper, own.upper]),
-            np.concatenate([np.ones(4), own.velocity]),
-        )
+        own, wide = self.original.limits, np.full(4, FARTHEST)
+        lower, upper = np.concatenate([-wide, own.lower]), np.concatenate([wide, own.upper])
+        limits = JointLimits(lower, upper, np.concatenate([np.ones(4), own.velocity]))
         return self.robot.arm(self.original.tcp, base=CELL, limits=limits, held=self._held)
 
     @property
@@ -312,12 +305,6 @@ class PlacedRobot:
         """The values of the joints outside the arm; mimic joints follow their leaders."""
         joints = self.original.robot.urdf.joints
         return {name: value for name, value in self.original.held.items() if joints[name].mimic is None}
-
-    @cached_property
-    def base_links(self) -> tuple[str, ...]:
-        """The links that no joint of the arm moves, with the bodies that move with the base."""
-        urdf, moving = self.robot.urdf, (*self.original.joint_names, *self.original.followers)
-        return tuple(link for link in urdf.links if not moved_by(urdf, link, moving))
 
     def checker(self, picks: Picks, *, hand_may_touch: Sequence[str] = ()) -> CollisionChecker:
         """The checker of :attr:`wide_arm`; the open hand may touch the named obstacles."""
@@ -336,12 +323,11 @@ class PlacedRobot:
             return None
         scene = Scene([replace(zone, name=f"forbidden zone {zone.name}") for zone in zones])
         checker = CollisionChecker(self.wide_arm, scene, attached=picks.open_tool)
-
-        def judged(pair: tuple[int, int]) -> bool:
-            owners = [checker.bodies[k].owner for k in pair]
-            return any(name in scene.names for name in owners) and any(name in self.base_links for name in owners)
-
-        return checker.without_pairs(k for k, pair in enumerate(checker.pairs) if not judged(pair))
+        # the links that no joint of the arm moves, with the bodies that move with the base
+        urdf, moving = self.robot.urdf, (*self.original.joint_names, *self.original.followers)
+        base = {link for link in urdf.links if not moved_by(urdf, link, moving)}
+        owners = [{checker.bodies[k].owner for k in pair} for pair in checker.pairs]
+        return checker.without_pairs(k for k, own in enumerate(owners) if own.isdisjoint(scene.names) or not own & base)
 
     def refuse_picks_on_base(self, picks: Sequence[Pick], shared: Picks) -> None:
         """Raise if a pick is stated in the frame of the robot or of a body that moves with the base.

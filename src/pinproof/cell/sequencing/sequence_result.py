@@ -577,7 +577,7 @@ def write_sequence_page(
         notes=[f"Not covered: {note}" for note in result.notes],
         duration=result.duration,
         rows=rows,
-        left_out=result.left_out,
+        left_out=[(pick.name, pick.reason) for pick in result.left_out],
         bars=bars,
         lanes=PHASES,
         acceleration_source=result.acceleration_source,

@@ -1,20 +1,22 @@
 """The wheel, built from the source distribution, works in a clean environment.
 
-In CI the core is compiled from the source distribution, and pip installs the dependencies. Elsewhere the wheel contains
-the compiled core of the checkout, and the environment has links to the dependencies that are installed here, which
-saves two minutes of CPU time; that the distribution has all its sources is tested without compiling them.
+The wheel contains the compiled core of the checkout. That the distribution would compile to the same core is shown
+without compiling it again: its files are those of the checkout, CMake accepts them, and the core states their hash. The
+clean environment has links to the installed dependencies; that they can be installed is shown in test_resolution.py.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
-import tarfile
 import venv
 import zipfile
 from email import message_from_bytes
+from filecmp import cmp
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
@@ -22,10 +24,13 @@ import pytest
 from packaging.requirements import Requirement
 
 from pinproof import _core
+from pinproof.core_import import source_hash
 
 ROOT = Path(__file__).parents[1]
 
 SMOKE = ROOT / "tests" / "smoke.py"
+
+UV = sys.executable, "-m", "uv"
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -39,20 +44,44 @@ def run(*command: str | Path, cwd: Path) -> str:
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("dist")
-    reused = [] if os.environ.get("CI") else [f"-Ccmake.define.PINPROOF_COMPILED={_core.__file__}"]
-    run(sys.executable, "-m", "build", "--outdir", out, *reused, ROOT, cwd=out)
+    core = f"cmake.define.PINPROOF_COMPILED={_core.__file__}"
+    run(*UV, "build", "--quiet", "--python", sys.executable, "--out-dir", out, "-C", core, ROOT, cwd=out)
     (built,) = out.glob("*.whl")
     return built
 
 
-def test_the_source_distribution_contains_all_sources(wheel: Path) -> None:
+@pytest.fixture(scope="module")
+def sources(wheel: Path) -> Path:
+    """The unpacked source distribution."""
     (sdist,) = wheel.parent.glob("*.tar.gz")
-    with tarfile.open(sdist) as archive:
-        there = {name.partition("/")[2] for name in archive.getnames()}
-    listed = subprocess.run(["git", "ls-files", "src", "robots"], cwd=ROOT, capture_output=True, text=True, check=False)
-    sources = set(listed.stdout.split()) or {str(f.relative_to(ROOT)) for f in (ROOT / "src/core").rglob("*.[ch]*")}
-    assert len(sources) > 50
-    assert sources - there == set()
+    shutil.unpack_archive(sdist, wheel.parent, filter="data")
+    return wheel.parent / sdist.name.removesuffix(".tar.gz")
+
+
+def test_the_source_distribution_has_the_files_of_the_checkout(sources: Path) -> None:
+    unpacked = {str(file.relative_to(sources)) for file in sources.rglob("*") if file.is_file()}
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout.split()
+    needed = set(listed) or {str(file.relative_to(ROOT)) for file in (ROOT / "src" / "core").rglob("*.[ch]*")}
+    assert len(needed) > 50
+    assert {name for name in needed - unpacked if not name.startswith(".ci/")} == set()
+    changed = [name for name in unpacked if not (ROOT / name).exists() or not cmp(sources / name, ROOT / name, False)]
+    assert changed == ["PKG-INFO"]
+
+
+def test_the_source_distribution_compiles_to_the_core_of_the_checkout(sources: Path) -> None:
+    build = sources.parent / "build"
+    tools = Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}"}
+    python = f"-DPython_EXECUTABLE={sys.executable}"
+    configure = ["cmake", "-S", sources / "src" / "core", "-B", build, "-G", "Ninja", python]
+    subprocess.run(configure, check=True, capture_output=True, env=environment)
+    command = ["ninja", "-C", build, "-t", "commands", "all"]
+    commands = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+    compiled = set(re.findall(r"-c (\S+)", commands))
+    assert len(compiled) > 10
+    assert [file for file in compiled if not (build / file).is_file()] == []
+    assert "-shared" in commands.splitlines()[-1]
+    assert source_hash(sources / "src" / "core").encode() in Path(_core.__file__).read_bytes()
 
 
 def test_the_wheel_contains_robots_types_and_licence(wheel: Path) -> None:
@@ -84,25 +113,21 @@ def link_requirements(wheel: Path, site: Path) -> None:
     found: dict[str, Distribution] = {}
     required(declared, set(), found)
     assert len(found) > 5
-    for each in found.values():
-        for top in {file.parts[0] for file in each.files or []} - {"..", "__pycache__"}:
+    for package in found.values():
+        for top in {file.parts[0] for file in package.files or []} - {"..", "__pycache__"}:
             if not (site / top).exists():
-                (site / top).symlink_to(Path(str(each.locate_file(top))))
+                (site / top).symlink_to(Path(str(package.locate_file(top))))
 
 
 def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     home = tmp_path / "clean"
     venv.create(home)
     python = home / "bin" / "python"
-    pip = sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check"
-    if os.environ.get("CI"):
-        run(*pip, "install", "-qq", "--no-compile", wheel, cwd=tmp_path)
-    else:
-        (site,) = home.glob("lib/python*/site-packages")
-        link_requirements(wheel, site)
-        run(*pip, "install", "-qq", "--no-compile", "--no-deps", wheel, cwd=tmp_path)
+    (site,) = home.glob("lib/python*/site-packages")
+    link_requirements(wheel, site)
+    run(*UV, "pip", "install", "--quiet", "--no-deps", "--offline", "--python", python, wheel, cwd=tmp_path)
     assert wheel.name.split("-")[1] in run(python, "-I", SMOKE, cwd=tmp_path)
-    run(*pip, "check", cwd=tmp_path)
+    run(sys.executable, "-m", "pip", "--python", python, "check", cwd=tmp_path)  # uv does not follow the links
     report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "pick.html", "--json", cwd=tmp_path))
     assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4
     assert report["written"] == ["pick.html", "pick.json"]

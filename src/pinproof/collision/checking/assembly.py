@@ -213,6 +213,7 @@ class _Neighbours:
 
     def __init__(self, arm: JointGroup, bodies: Sequence[Body], rules: PairRules) -> None:
         self._robot, self._rules = arm.robot, rules
+        self._model = arm.robot.model  # one copy for all pairs
         self._solid = {body.link for body in bodies if body.link is not None and body.owner == body.link}
         self._up = {joint.child: joint for joint in self._robot.urdf.joints.values()}
         self._own = {*arm.joint_names, *arm.followers}
@@ -273,7 +274,7 @@ class _Neighbours:
 
     def _length(self, line: Sequence[UrdfJoint]) -> float:
         """Return the sum of the distances (m) between joints: a chain can fold back over its whole length."""
-        model, urdf = self._robot.model, self._robot.urdf
+        model, urdf = self._model, self._robot.urdf
         placements = [model.jointPlacements[model.getJointId(urdf.model_joint(joint.name))] for joint in line[:-1]]
         return math.fsum(float(np.linalg.norm(placement.translation)) for placement in placements)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import enum
+import functools
 import importlib
 import inspect
 import itertools
@@ -84,15 +85,21 @@ def text_of_constant(path: str) -> str:
     """The string below the assignment of a constant, in the module of the package that defines it."""
     package, _, name = path.rpartition(".")
     home = Path(inspect.getfile(importlib.import_module(package)))
-    for file in sorted(home.parent.rglob("*.py")) if home.name == "__init__.py" else [home]:
-        for statement, below in itertools.pairwise(ast.parse(file.read_text(encoding="utf-8")).body):
-            targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
-            if any(isinstance(target, ast.Name) and target.id == name for target in targets):
-                stated = (
-                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
-                )
-                return stated if isinstance(stated, str) else ""
-    return ""
+    files = sorted(home.parent.rglob("*.py")) if home.name == "__init__.py" else [home]
+    return next((texts[name] for texts in map(texts_of_constants, files) if name in texts), "")
+
+
+@functools.cache
+def texts_of_constants(file: Path) -> dict[str, str]:
+    """The string below the assignment of each constant of a module, empty where there is none."""
+    texts: dict[str, str] = {}
+    for statement, below in itertools.pairwise(ast.parse(file.read_text(encoding="utf-8")).body):
+        stated = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+        targets = statement.targets if isinstance(statement, ast.Assign) else [getattr(statement, "target", None)]
+        for target in targets:
+            if isinstance(target, ast.Name):
+                texts.setdefault(target.id, stated if isinstance(stated, str) else "")
+    return texts
 
 
 def prepare_docstring(_app: Sphinx, what: str, name: str, value: Any, _options: Any, lines: list[str]) -> None:

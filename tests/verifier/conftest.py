@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import copy
 
-import coal
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.collision.certificates.proof_file import proof_document
-from pinproof.collision.geometry.hulls import hull_of_any
 from pinproof.model import load_robot
 from pinproof.verifier import body_digest, curve_digest
 
@@ -89,67 +87,3 @@ def rehashed():
         return document
 
     return right
-
-
-class Oracle:
-    """The distances that a proof file's own robot has to its own scene, by plain products of matrices and coal."""
-
-    def __init__(self, document) -> None:
-        self.document = document
-        self.shapes = [self._shape(body["shape"]) for body in document["bodies"]]
-        self.joint_tolerance = np.array(document["settings"]["joint_tolerance"])
-
-    @staticmethod
-    def _shape(shape):
-        if shape == "half_space":
-            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-        points = np.array(shape["points"], dtype=float)
-        return coal.Sphere(shape["radius"]) if len(points) == 1 else hull_of_any(points)
-
-    def distances(self, q):
-        """(P,) of every pair that is checked, at q (n,)."""
-        return np.array([result.min_distance for result in self._results(q)])
-
-    def normals(self, q):
-        """(P, 3) from the first to the second."""
-        return np.array([result.normal for result in self._results(q)])
-
-    def _results(self, q):
-        frames = []
-        for row in self.document["joints"]:
-            above = np.eye(4) if row["parent"] < 0 else frames[row["parent"]]
-            value = row["multiplier"] * q[row["leader"]] + row["offset"]
-            move, axis = np.eye(4), np.array(row["axis"])
-            if row["type"] == "prismatic":
-                move[:3, 3] = value * axis
-            else:
-                half = np.append(np.cos(value / 2), np.sin(value / 2) * axis)
-                move[:3, :3] = coal.Transform3s(
-                    pp.pose(quat_xyzw=np.roll(half, -1)).rotation, np.zeros(3)
-                ).getRotation()
-            frames.append(above @ np.vstack([row["placement"], [0, 0, 0, 1]]) @ move)
-        places = []
-        for row in self.document["bodies"]:
-            above = np.eye(4) if row["joint"] < 0 else frames[row["joint"]]
-            at = above @ np.vstack([row["placement"], [0, 0, 0, 1]])
-            places.append(coal.Transform3s(at[:3, :3], at[:3, 3]))
-        found = []
-        for pair in self.document["pairs"]:
-            i, j = pair["bodies"]
-            found.append(coal.DistanceResult())
-            coal.distance(self.shapes[i], places[i], self.shapes[j], places[j], coal.DistanceRequest(), found[-1])
-        return found
-
-    def least(self, samples=60):
-        """The smallest on the curve, whose pieces are straight, with the joints off as far as they may be."""
-        rng, least = np.random.default_rng(0), np.inf
-        for piece in np.array(self.document["curve"]["control"], dtype=float):
-            for s in np.linspace(0, 1, samples):
-                off = self.joint_tolerance * rng.choice([-1.0, 0.0, 1.0], len(self.joint_tolerance))
-                least = min(least, self.distances(piece[0] + s * (piece[-1] - piece[0]) + off).min())
-        return least
-
-
-@pytest.fixture(scope="session")
-def oracle():
-    return Oracle

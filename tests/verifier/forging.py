@@ -365,6 +365,9 @@ class Solid:
             ball = np.random.default_rng(0).normal(size=(60, 3))
             ball = np.concatenate([ball / np.linalg.norm(ball, axis=1)[:, None], np.eye(3), -np.eye(3)])
             points = (points[:, None] + semi * ball).reshape(-1, 3)
+        if len(points) == 1 and not points.any():
+            self.geometry, self.radius, self.grown = coal.Sphere(self.radius + FLAT), 0.0, FLAT
+            return
         if len(points) == 1:
             points, self.grown = points + FLAT * np.concatenate([np.eye(3), -np.eye(3)]), FLAT
         elif np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] < FLAT:
@@ -444,3 +447,17 @@ class Samples:
         a, b, result = self.solids[i], self.solids[j], coal.DistanceResult()
         found = coal.distance(a.geometry, places[i], b.geometry, places[j], coal.DistanceRequest(), result)
         return found - a.radius - b.radius + a.grown + b.grown
+
+    def pairs_at(self, q):
+        """The distances (P,) of the pairs in the file at q (n,), and the normals (P, 3) from first to second."""
+        places = {i: coal.Transform3s(at[:3, :3], at[:3, 3]) for i, at in self.placements(q).items()}
+        found = []
+        for i, j in (pair["bodies"] for pair in self.document["pairs"]):
+            a, b, result = self.solids[i], self.solids[j], coal.DistanceResult()
+            coal.distance(a.geometry, places[i], b.geometry, places[j], coal.DistanceRequest(), result)
+            found.append((result.min_distance - a.radius - b.radius + a.grown + b.grown, result.normal))
+        return np.array([distance for distance, _ in found]), np.array([normal for _, normal in found])
+
+    def least(self, count=60):
+        """The smallest distance of the pairs in the file, with the joints off as far as they may be."""
+        return min(self.pairs_at(q)[0].min() for q in self.configurations(count, np.random.default_rng(0)))

@@ -162,11 +162,7 @@ def test_an_integer_beyond_the_limit_is_refused(rehashed, value):
 @pytest.mark.parametrize("value", [-(2**63), -(10**400), 2**53 + 1])
 def test_an_integer_beyond_the_limit_is_refused_wherever_numbers_are(tampered, value):
     for line in list(number_places(tampered)):
-        document = copy.deepcopy(tampered)
-        holder = document
-        for key in line[:-1]:
-            holder = holder[key]
-        holder[line[-1]] = value
+        document = changed(tampered, line, value)
         assert not verify(document).ok, line
 
 
@@ -174,11 +170,7 @@ def test_an_integer_beyond_the_limit_is_refused_wherever_numbers_are(tampered, v
 def test_a_value_that_is_not_finite_is_refused_wherever_numbers_are(tampered, rehashed, value):
     """In a parsed document, such as one that was not read from a file; its hashes are right."""
     for line in list(number_places(tampered)):
-        document = copy.deepcopy(tampered)
-        holder = document
-        for key in line[:-1]:
-            holder = holder[key]
-        holder[line[-1]] = value
+        document = changed(tampered, line, value)
         verdict = verify(rehashed(document))
         assert str(verdict).startswith(f"REFUSED: {line[0]}") or line[0] == "version", line
 
@@ -198,6 +190,15 @@ def test_full_rotations_of_a_joint_add_to_the_allowance_for_rounding(tampered, r
     )
     assert turned.rounding == pytest.approx(before.rounding * max(1.0, values * degree / 1e3))
     assert turned.check_pairs()[0] <= before.check_pairs()[0] - (turned.rounding - before.rounding) + 1e-9
+
+
+def changed(document, line, value):
+    """A copy of the document with another value at a place."""
+    copied = holder = copy.deepcopy(document)
+    for key in line[:-1]:
+        holder = holder[key]
+    holder[line[-1]] = value
+    return copied
 
 
 def number_places(document):
@@ -262,12 +263,7 @@ def test_a_margin_is_one_of_two_owners_of_the_proof(tampered, row):
 
 def test_a_boolean_is_not_a_number(tampered):
     for line in list(number_places(tampered)):
-        document = copy.deepcopy(tampered)
-        holder = document
-        for key in line[:-1]:
-            holder = holder[key]
-        holder[line[-1]] = True
-        assert not verify(document).ok, line
+        assert not verify(changed(tampered, line, True)).ok, line
 
 
 @pytest.mark.parametrize("version", [True, 3.0, "3", 2, 4])
@@ -311,12 +307,7 @@ def test_a_deeply_nested_value_is_refused_wherever_it_is(tampered):
     checked = ("claim", "settings", "curve", "joints", "bodies", "excluded", "intervals", "pairs")
     for key in checked:
         for line in [(key,), *first_places(tampered[key], (key,))]:
-            document = copy.deepcopy(tampered)
-            holder = document
-            for part in line[:-1]:
-                holder = holder[part]
-            holder[line[-1]] = deep
-            assert not verify(document).ok or line[-1] == "source", line
+            assert not verify(changed(tampered, line, deep)).ok or line[-1] == "source", line
 
 
 def first_places(value, line):

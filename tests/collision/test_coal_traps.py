@@ -8,20 +8,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CertificateStatus,
-    CollisionChecker,
-    Cylinder,
-    InputError,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Scene,
-    Sphere,
-    certify,
-    pose,
-)
+import pinproof as pp
 from pinproof.collision.checking.links import link_bodies
 from pinproof.collision.checking.placed_bodies import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
@@ -43,7 +30,7 @@ def test_build_convex_representation_is_not_a_hull_but_ours_is(mesh_file):
     torus.unmerge_vertices()
     relabelled = bvh(np.array(torus.vertices), np.array(torus.faces))
     relabelled.buildConvexRepresentation(False)
-    ours = shape_body("torus", "torus", None, Mesh(mesh_file(torus), hull=True), pin.SE3.Identity())
+    ours = shape_body("torus", "torus", None, pp.Mesh(mesh_file(torus), hull=True), pin.SE3.Identity())
     hull = torus.convex_hull
     points = np.random.default_rng(0).uniform((-0.25, -0.25, -0.05), (0.25, 0.25, 0.05), (400, 3))
     offsets = np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
@@ -65,7 +52,7 @@ def test_a_cavity_between_walls_is_free_space(slider, mesh_file):
     outer, inner = trimesh.creation.box((0.4, 0.4, 0.4)), trimesh.creation.box((0.3, 0.3, 0.3))
     inner.invert()
     walls = trimesh.util.concatenate([outer, inner])
-    checker = CollisionChecker(slider, Scene([Obstacle("safe", Mesh(mesh_file(walls), hull=False))]))
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("safe", pp.Mesh(mesh_file(walls), hull=False))]))
     assert checker.is_free([0.0])
     assert checker.clearance([0.0]) == pytest.approx(0.14, abs=1e-6)
     assert not checker.is_free([0.145])  # in the wall's surface
@@ -77,8 +64,8 @@ def test_a_mesh_with_a_hole_is_refused_or_named_as_hollow(slider, mesh_file):
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
     path = mesh_file(open_box)
     with pytest.raises(MeshError, match="not watertight"):
-        CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False))]))
-    checker = CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False, hollow=True))]))
+        pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("open", pp.Mesh(path, hull=False))]))
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("open", pp.Mesh(path, hull=False, hollow=True))]))
     assert checker.is_free([0.0])
     assert checker.hollow_meshes == ("open",)
 
@@ -99,14 +86,14 @@ def test_the_hull_of_a_flat_mesh_is_refused(mesh_file, name):
     vertices, triangles = FLAT_MESHES[name]
     path = mesh_file(np.array(vertices, dtype=float), np.array(triangles))
     with pytest.raises(MeshError, match="is flat"):
-        shape_body("flat", "flat", None, Mesh(path, hull=True), pin.SE3.Identity())
+        shape_body("flat", "flat", None, pp.Mesh(path, hull=True), pin.SE3.Identity())
     with pytest.raises(MeshError, match="is flat"):
-        shape_bodies("flat", None, Mesh(path), pin.SE3.Identity())
+        shape_bodies("flat", None, pp.Mesh(path), pin.SE3.Identity())
 
 
 def test_an_exact_flat_mesh_is_a_surface(slider, mesh_file):
     sheet = mesh_file(np.array([[0.2, -1, -1], [0.2, 1, -1], [0.2, 0, 1.0]]), np.array([[0, 1, 2]]))
-    checker = CollisionChecker(slider, Scene([Obstacle("sheet", Mesh(sheet, hull=False, hollow=True))]))
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("sheet", pp.Mesh(sheet, hull=False, hollow=True))]))
     assert not checker.is_free([0.2])
     assert checker.clearance([0.1]) == pytest.approx(0.09, abs=1e-6)
 
@@ -121,17 +108,17 @@ def test_a_distance_result_kept_by_coal_goes_stale_but_ours_does_not(slider):
     near = coal.distance(ball, places[0], ball, places[1], request, result)
     coal.distance(ball, places[0], ball, places[2], request, result)
     assert result.min_distance == pytest.approx(near)  # the trap: 0.8, though the balls are 2.8 apart
-    checker = CollisionChecker(slider, Scene([Obstacle("wall", Box(0.1, 1, 1), pose((1, 0, 0)))]))
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((1, 0, 0)))]))
     for x in (0.9, 0.0, 0.5, -1.0):
         assert checker.clearance([x]) == pytest.approx(0.94 - x, abs=1e-7)
 
 
 @pytest.mark.parametrize("margin", [0.0, 1e-3, 0.05])
-@pytest.mark.parametrize("obstacle", [Box(0.2, 1, 1), Cylinder(0.1, 1), Sphere(0.1), "hull", "exact"])
+@pytest.mark.parametrize("obstacle", [pp.Box(0.2, 1, 1), pp.Cylinder(0.1, 1), pp.Sphere(0.1), "hull", "exact"])
 def test_the_margin_is_honoured_on_both_sides(slider, mesh_file, margin, obstacle):
     if isinstance(obstacle, str):
-        obstacle = Mesh(mesh_file(trimesh.creation.box((0.2, 1, 1))), hull=obstacle == "hull")
-    checker = CollisionChecker(slider, Scene([Obstacle("wall", obstacle, pose((1, 0, 0)))]), margin=margin)
+        obstacle = pp.Mesh(mesh_file(trimesh.creation.box((0.2, 1, 1))), hull=obstacle == "hull")
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", obstacle, pp.pose((1, 0, 0)))]), margin=margin)
     touching = 1 - 0.1 - 0.01 - margin
     for inside in (touching + 1e-6, touching + 1e-3, touching):
         assert not checker.is_free([inside])
@@ -204,9 +191,11 @@ def test_distances_of_triangles_are_as_accurate_as_the_allowance_for_coal_assume
     ball = trimesh.creation.icosphere(subdivisions=1, radius=0.4)
     places = [(3, 2, 1), (-2, 3, 1), (0, 0, 4), (1, -2, -2)]
 
-    def among(hull: bool) -> CollisionChecker:
-        mesh = Mesh.from_arrays(np.asarray(ball.vertices), np.asarray(ball.faces), hull=hull)
-        return CollisionChecker(arm, Scene([Obstacle(f"ball{k}", mesh, pose(at)) for k, at in enumerate(places)]))
+    def among(hull: bool) -> pp.CollisionChecker:
+        mesh = pp.Mesh.from_arrays(np.asarray(ball.vertices), np.asarray(ball.faces), hull=hull)
+        return pp.CollisionChecker(
+            arm, pp.Scene([pp.Obstacle(f"ball{k}", mesh, pp.pose(at)) for k, at in enumerate(places)])
+        )
 
     meshes, hulls = among(False), among(True)
     assert hulls.convex.all()
@@ -245,8 +234,8 @@ def test_a_shape_pinocchio_does_not_know_is_dropped_there_and_kept_here(capfd):
     assert in_pinocchio(text)[1].ngeoms == 0  # the trap: a link that collides with nothing
     capfd.readouterr()
     arm = load_robot(text).arm(tcp="tip")
-    post = Scene([Obstacle("post", Sphere(0.1), pose((0.15, 0, 0)))])
-    assert not CollisionChecker(arm, post).is_free([0.0])
+    post = pp.Scene([pp.Obstacle("post", pp.Sphere(0.1), pp.pose((0.15, 0, 0)))])
+    assert not pp.CollisionChecker(arm, post).is_free([0.0])
     with pytest.raises(UrdfError, match="cone"):
         load_robot(one_joint(moving='<cone radius="0.1" length="0.5"/>'))
 
@@ -256,8 +245,8 @@ def test_invalid_poses_are_refused():
     assert np.isnan(placement.rotation).all()  # the trap: no error
     skewed = pin.SE3(np.diag([1.0, 2.0, 1.0]), np.zeros(3))
     for pose_of in (placement, skewed):
-        with pytest.raises(InputError, match="pose of obstacle 'b'"):
-            Obstacle("b", Box(1, 1, 1), pose_of)
+        with pytest.raises(pp.InputError, match="pose of obstacle 'b'"):
+            pp.Obstacle("b", pp.Box(1, 1, 1), pose_of)
 
 
 def test_an_axis_of_no_length_is_refused():
@@ -280,8 +269,8 @@ def test_broadphase_managers_of_coal_ignore_margins_and_ours_do_not(slider):
     callback.data.request = request
     manager.collide(here, callback)
     assert not callback.data.result.isCollision()  # the trap: they are 0.05 apart
-    walls = [Obstacle(f"wall_{i}", Box(0.1, 1, 1), pose((0.3 + 0.5 * i, 0, 0))) for i in range(6)]
-    checker = CollisionChecker(slider, Scene(walls), margin=0.1)
+    walls = [pp.Obstacle(f"wall_{i}", pp.Box(0.1, 1, 1), pp.pose((0.3 + 0.5 * i, 0, 0))) for i in range(6)]
+    checker = pp.CollisionChecker(slider, pp.Scene(walls), margin=0.1)
     assert [contact.bodies for contact in checker.check([0.15]).contacts] == [("ball", "wall_0")]
     assert checker.clearance([0.15]) == pytest.approx(0.09, abs=1e-8)
     assert checker.is_free([0.13])
@@ -297,9 +286,12 @@ def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
         meshes, here = [bvh(points, np.array([[0, 1, 2]])) for points in (needle, sheet)], coal.Transform3s.Identity()
         seen = coal.collide(meshes[0], here, meshes[1], here, coal.CollisionRequest(), coal.CollisionResult())
         passed += not seen
-        tool, thing = (Mesh.from_arrays(points, [[0, 1, 2]], hull=False, hollow=True) for points in (needle, sheet))
-        checker = CollisionChecker(
-            slider, Scene([Obstacle("sheet", thing)]), attached=[Obstacle("needle", tool)], allowed=[("ball", "sheet")]
+        tool, thing = (pp.Mesh.from_arrays(points, [[0, 1, 2]], hull=False, hollow=True) for points in (needle, sheet))
+        checker = pp.CollisionChecker(
+            slider,
+            pp.Scene([pp.Obstacle("sheet", thing)]),
+            attached=[pp.Obstacle("needle", tool)],
+            allowed=[("ball", "sheet")],
         )
         assert not checker.is_free([0.0])
         assert checker.is_free([3.0])
@@ -308,11 +300,11 @@ def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
 
 def test_no_continuous_check_in_coal_is_relied_on(slider, path):
     """A ball of 1 cm jumps over a sheet of a micrometre between any two samples that are no nearer than itself."""
-    sheet = Scene([Obstacle("sheet", Box(1e-6, 1, 1), pose((0.5, 0, 0)))])
-    checker, move = CollisionChecker(slider, sheet), path(slider, [0.0], [1.0])
+    sheet = pp.Scene([pp.Obstacle("sheet", pp.Box(1e-6, 1, 1), pp.pose((0.5, 0, 0)))])
+    checker, move = pp.CollisionChecker(slider, sheet), path(slider, [0.0], [1.0])
     assert checker.is_free_batch(move(np.linspace(0, 1, 36))).all()  # the trap
-    certificate = certify(move, checker)
-    assert certificate.status is CertificateStatus.COLLIDING
+    certificate = pp.certify(move, checker)
+    assert certificate.status is pp.CertificateStatus.COLLIDING
     assert certificate.first_contact.proven_free_until == pytest.approx(0.49, abs=1e-3)
 
 
@@ -331,7 +323,7 @@ def test_octrees_of_coal_cannot_be_relied_on():
         apart(coal.Ellipsoid(0.1, 0.1, 0.1), cell, 1.0)
     wide = coal.makeOctree(np.array([[0.0, 0.0, 0.0], [40_000.5, 0.5, 0.5]]), 1.0)
     assert not touching(wide, coal.Sphere(0.1), 40_000.5)
-    cloud = PointCloud([[0, 0, 0], [9_000.5, 0.5, 0.5]], 0.1)
+    cloud = pp.PointCloud([[0, 0, 0], [9_000.5, 0.5, 0.5]], 0.1)
     body = shape_body("wide", "wide", None, cloud, pin.SE3.Identity())
     assert touching(body.geometry, coal.Sphere(1.0), 9_000.5)
 

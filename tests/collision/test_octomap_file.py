@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinproof import CollisionChecker, InputError, Obstacle, OccupancyGrid, Scene, load_robot
+import pinproof as pp
 from pinproof.collision.geometry.occupancy import FREE, SEEN, UNKNOWN
 from pinproof.collision.geometry.octomap_file import read_octomap
 from pinproof.errors import FileError, SceneError
@@ -79,7 +79,7 @@ def state_of(root: Node, cell: tuple[int, ...], least: float = 0.0) -> int:
     return UNKNOWN if node is None else SEEN if node >= least else FREE
 
 
-def assert_states(grid: OccupancyGrid, root: Node, least: float = 0.0) -> None:
+def assert_states(grid: pp.OccupancyGrid, root: Node, least: float = 0.0) -> None:
     for at, state in np.ndenumerate(grid.cells):
         assert state == state_of(root, tuple(np.add(at, grid.low)), least)
 
@@ -89,7 +89,7 @@ def assert_states(grid: OccupancyGrid, root: Node, least: float = 0.0) -> None:
 def test_cells_of_both_formats_equal_the_tree(tmp_path: Path, seed: int) -> None:
     root = random_tree(seed)
     grids = [
-        OccupancyGrid.from_octomap(written(tmp_path, name, root, kind=kind))
+        pp.OccupancyGrid.from_octomap(written(tmp_path, name, root, kind=kind))
         for name, kind in (("a.bt", "OcTree"), ("a.ot", "OcTree"), ("b.ot", "ColorOcTree"), ("b.bt", "ColorOcTree"))
     ]
     for grid in grids:
@@ -98,7 +98,7 @@ def test_cells_of_both_formats_equal_the_tree(tmp_path: Path, seed: int) -> None
     assert min(grids[0].counts) > 10
     assert (read_octomap(tmp_path / "a.bt").places[:, 3] > 1).sum() > 5  # pruned leaves
     # Nothing is known outside of the default bounds, and each of their sides has a known cell.
-    wide = OccupancyGrid.from_octomap(tmp_path / "a.bt", bounds=np.array([[-1.0] * 3, [1.0] * 3]))
+    wide = pp.OccupancyGrid.from_octomap(tmp_path / "a.bt", bounds=np.array([[-1.0] * 3, [1.0] * 3]))
     known = np.argwhere(wide.cells != UNKNOWN) + wide.low
     assert known.min(axis=0).tolist() == list(grids[0].low)
     assert (known.max(axis=0) + 1).tolist() == np.add(grids[0].low, grids[0].cells.shape).tolist()
@@ -108,59 +108,59 @@ def test_bounds_cut_large_leaves(tmp_path: Path) -> None:
     root = random_tree(5)
     root[3] = -2.0  # one eighth of the root, 32,768 cells on each side, is one free leaf
     path = written(tmp_path, "large.ot", root)
-    with pytest.raises(InputError, match=r"large\.ot.*more than 67108864; state smaller bounds"):
-        OccupancyGrid.from_octomap(path)
-    grid = OccupancyGrid.from_octomap(path, bounds=[(-0.13, -0.3, -0.4), (0.6, 0.55, 0.21)])
+    with pytest.raises(pp.InputError, match=r"large\.ot.*more than 67108864; state smaller bounds"):
+        pp.OccupancyGrid.from_octomap(path)
+    grid = pp.OccupancyGrid.from_octomap(path, bounds=[(-0.13, -0.3, -0.4), (0.6, 0.55, 0.21)])
     assert grid.low == (-3, -6, -8)
     assert grid.cells.shape == (15, 17, 13)
     assert_states(grid, root)
-    with pytest.raises(InputError, match="no known leaf"):
-        OccupancyGrid.from_octomap(path, bounds=[(-9, -9, -9), (-8, -8, -8)])
+    with pytest.raises(pp.InputError, match="no known leaf"):
+        pp.OccupancyGrid.from_octomap(path, bounds=[(-9, -9, -9), (-8, -8, -8)])
 
 
 def test_threshold_divides_the_leaves_of_full_trees(tmp_path: Path) -> None:
     root = random_tree(6)
     path = written(tmp_path, "map.ot", root)
     for occupancy, least in ((0.3, np.log(3 / 7)), (0.9, np.log(9))):
-        grid = OccupancyGrid.from_octomap(path, threshold=occupancy)
+        grid = pp.OccupancyGrid.from_octomap(path, threshold=occupancy)
         assert_states(grid, root, least)
         assert f"occupancy of {occupancy:g}" in grid.remark
-    with pytest.raises(InputError, match="states no occupancies"):
-        OccupancyGrid.from_octomap(written(tmp_path, "map.bt", root), threshold=0.7)
-    with pytest.raises(InputError, match="threshold"):
-        OccupancyGrid.from_octomap(path, threshold=1.0)
+    with pytest.raises(pp.InputError, match="states no occupancies"):
+        pp.OccupancyGrid.from_octomap(written(tmp_path, "map.bt", root), threshold=0.7)
+    with pytest.raises(pp.InputError, match="threshold"):
+        pp.OccupancyGrid.from_octomap(path, threshold=1.0)
 
 
 def test_unknown_cells_are_obstacles_unless_stated_otherwise(tmp_path: Path) -> None:
     path = written(tmp_path, "map.bt", random_tree(7))
-    solid = OccupancyGrid.from_octomap(path)
-    hollow = OccupancyGrid.from_octomap(path, unknown="free")
+    solid = pp.OccupancyGrid.from_octomap(path)
+    hollow = pp.OccupancyGrid.from_octomap(path, unknown="free")
     assert solid.counts == hollow.counts
     assert (solid.occupied & ~hollow.occupied).sum() == solid.counts[2] > 0
     assert "map.bt" in solid.remark
     assert "not seen is an obstacle" in solid.remark
     assert "not seen is free" in hollow.remark
-    arm = load_robot("ur5").arm()
-    assert CollisionChecker(arm, Scene([Obstacle("map", solid)])).check(arm.home).contacts
+    arm = pp.load_robot("ur5").arm()
+    assert pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("map", solid)])).check(arm.home).contacts
 
 
 def test_scene_files_name_a_map(tmp_path: Path) -> None:
     written(tmp_path, "map.ot", random_tree(11))
     file = tmp_path / "scene.yaml"
 
-    def scene(keys: str) -> Scene:
+    def scene(keys: str) -> pp.Scene:
         file.write_text(f"obstacles:\n  - {{name: map, occupancy_grid: {{{keys}}}}}\n")
-        return Scene.load(file)
+        return pp.Scene.load(file)
 
     keys = "octomap: map.ot, unknown: free, threshold: 0.9, bounds: [[-0.2, -0.2, -0.2], [0.1, 0.2, 0.3]]"
     read = scene(keys)["map"].shape
     bounds = [[-0.2, -0.2, -0.2], [0.1, 0.2, 0.3]]
-    expected = OccupancyGrid.from_octomap(tmp_path / "map.ot", unknown="free", threshold=0.9, bounds=bounds)
+    expected = pp.OccupancyGrid.from_octomap(tmp_path / "map.ot", unknown="free", threshold=0.9, bounds=bounds)
     assert read == expected
-    assert scene("octomap: map.ot")["map"].shape == OccupancyGrid.from_octomap(tmp_path / "map.ot")
+    assert scene("octomap: map.ot")["map"].shape == pp.OccupancyGrid.from_octomap(tmp_path / "map.ot")
     copy = tmp_path / "copy.yaml"
     scene(keys).save(copy)
-    assert Scene.load(copy)["map"].shape == expected
+    assert pp.Scene.load(copy)["map"].shape == expected
     for wrong, reason in (
         ("octomap: none.ot", "no file .*none.ot"),
         ("octomap: map.ot, voxel: 0.1", "voxel"),
@@ -208,7 +208,7 @@ def test_damaged_files_are_refused(tmp_path: Path, change: str, reason: str, suf
     content = path.read_bytes()
     path.write_bytes(damaged(change, content, content.index(b"data\n") + 5))
     with pytest.raises(FileError, match=reason) as caught:
-        OccupancyGrid.from_octomap(path)
+        pp.OccupancyGrid.from_octomap(path)
     assert caught.value.path == str(path)
 
 
@@ -220,21 +220,21 @@ def test_every_truncation_is_refused(tmp_path: Path) -> None:
         for end in range(len(content)):
             path.write_bytes(content[:end])
             with pytest.raises(FileError):
-                OccupancyGrid.from_octomap(path)
+                pp.OccupancyGrid.from_octomap(path)
 
 
 def test_trees_without_usable_leaves_are_refused(tmp_path: Path) -> None:
     root = random_tree(10)
     with pytest.raises(FileError, match="header states"):
-        OccupancyGrid.from_octomap(written(tmp_path, "count.bt", root, size=3))
+        pp.OccupancyGrid.from_octomap(written(tmp_path, "count.bt", root, size=3))
     with pytest.raises(FileError, match=r"OcTreeStamped.*valid: OcTree"):
-        OccupancyGrid.from_octomap(written(tmp_path, "kind.ot", root, kind="OcTreeStamped"))
+        pp.OccupancyGrid.from_octomap(written(tmp_path, "kind.ot", root, kind="OcTreeStamped"))
     with pytest.raises(FileError, match="no known leaf"):
-        OccupancyGrid.from_octomap(written(tmp_path, "empty.bt", [None] * 8))
+        pp.OccupancyGrid.from_octomap(written(tmp_path, "empty.bt", [None] * 8))
     with pytest.raises(FileError, match="not a number"):
-        OccupancyGrid.from_octomap(written(tmp_path, "nan.ot", [float("nan"), *[None] * 7]))
+        pp.OccupancyGrid.from_octomap(written(tmp_path, "nan.ot", [float("nan"), *[None] * 7]))
     with pytest.raises(FileError, match="missing"):
-        OccupancyGrid.from_octomap(tmp_path / "missing.bt")
+        pp.OccupancyGrid.from_octomap(tmp_path / "missing.bt")
 
 
 def octomap(nodes: bytes, **changes: object) -> dict[str, object]:
@@ -254,7 +254,7 @@ def test_the_octomap_of_a_planning_scene_is_a_grid_at_its_pose(tmp_path: Path, k
     matrix = {"entry_names": ["hand", "<octomap>"], "entry_values": [[False, True], [True, False]]}
     content = {"world": {"collision_objects": [], "octomap": map_}, "allowed_collision_matrix": matrix}
     (tmp_path / "cell.yaml").write_text(json.dumps(content))
-    scene = ros2.read_planning_scene(content) if as_message else Scene.load(tmp_path / "cell.yaml")
+    scene = ros2.read_planning_scene(content) if as_message else pp.Scene.load(tmp_path / "cell.yaml")
     grid = scene["<octomap>"].shape
     assert_states(grid, root)
     assert grid.unknown == "occupied"
@@ -265,7 +265,7 @@ def test_the_octomap_of_a_planning_scene_is_a_grid_at_its_pose(tmp_path: Path, k
 
 def test_an_empty_octomap_is_no_obstacle(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text(json.dumps({"world": {"octomap": octomap(b"")}}))
-    assert Scene.load(tmp_path / "cell.yaml").obstacles == ()
+    assert pp.Scene.load(tmp_path / "cell.yaml").obstacles == ()
 
 
 @pytest.mark.parametrize(
@@ -286,4 +286,4 @@ def test_a_damaged_octomap_of_a_planning_scene_is_refused(tmp_path: Path, change
     map_ = octomap(binary(random_tree(1)), **changes)
     (tmp_path / "cell.yaml").write_text(json.dumps({"world": {"octomap": map_}}))
     with pytest.raises(SceneError, match=rf"cell\.yaml.*octomap.*({words})"):
-        Scene.load(tmp_path / "cell.yaml")
+        pp.Scene.load(tmp_path / "cell.yaml")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pinproof import InputError, OccupancyGrid, Scene
+import pinproof as pp
 from pinproof.collision import Intrinsics, read_points
 from pinproof.collision.geometry.depth_image import read_image
 from pinproof.collision.geometry.occupancy import FREE, SEEN
@@ -41,12 +41,12 @@ def points_of(image: np.ndarray, in_root: bool = True) -> np.ndarray:
 CLOUD = points_of(IMAGE)
 
 
-def grid_of(points: object, **changes: object) -> OccupancyGrid:
-    return OccupancyGrid.from_points(points, CAMERA, ABOVE, **{**SETTINGS, **changes})
+def grid_of(points: object, **changes: object) -> pp.OccupancyGrid:
+    return pp.OccupancyGrid.from_points(points, CAMERA, ABOVE, **{**SETTINGS, **changes})
 
 
 def test_the_cloud_of_a_depth_image_gives_the_cells_of_the_image():
-    expected = OccupancyGrid.from_depth(IMAGE, CAMERA, ABOVE, **SETTINGS)
+    expected = pp.OccupancyGrid.from_depth(IMAGE, CAMERA, ABOVE, **SETTINGS)
     shuffled = np.random.default_rng(0).permutation(CLOUD)
     for grid in (grid_of(shuffled), grid_of(points_of(IMAGE, in_root=False), cloud_pose=ABOVE)):
         np.testing.assert_array_equal(grid.cells, expected.cells)
@@ -96,7 +96,7 @@ def test_the_record_states_the_number_of_points_that_are_not_finite():
     ],
 )
 def test_an_unusable_cloud_is_refused_with_its_reason(points, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(pp.InputError, match=words):
         grid_of(points)
 
 
@@ -136,16 +136,16 @@ def test_a_depth_image_is_read_from_the_channel_of_depth_of_an_exr_file(tmp_path
     exr = pytest.importorskip("OpenEXR")
     depth, colour = IMAGE.astype(np.float32), np.ones(IMAGE.shape, dtype=np.float32)
     head = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
-    expected = OccupancyGrid.from_depth(depth, CAMERA, ABOVE, **SETTINGS)
+    expected = pp.OccupancyGrid.from_depth(depth, CAMERA, ABOVE, **SETTINGS)
     for name, channels in (("one", {"V": depth}), ("render", {"Camera.Z": depth, "R": colour, "G": colour})):
         path = tmp_path / f"{name}.exr"
         exr.File(head, channels).write(str(path))
-        assert OccupancyGrid.from_depth(path, CAMERA, ABOVE, **SETTINGS) == expected
+        assert pp.OccupancyGrid.from_depth(path, CAMERA, ABOVE, **SETTINGS) == expected
     exr.File(head, {"R": colour, "G": colour}).write(str(tmp_path / "colour.exr"))
     (tmp_path / "bad.exr").write_bytes(b"garbage")
     for name, words in (("colour.exr", "channels"), ("bad.exr", "bad.exr")):
         with pytest.raises(FileError, match=words):
-            OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, **SETTINGS)
+            pp.OccupancyGrid.from_depth(tmp_path / name, CAMERA, ABOVE, **SETTINGS)
 
 
 @pytest.mark.parametrize(("name", "library"), [("a.exr", "OpenEXR"), ("a.pcd", "pypcd4")])
@@ -153,7 +153,7 @@ def test_a_missing_library_is_reported_with_its_extra(tmp_path, monkeypatch, nam
     (tmp_path / name).write_bytes(b"x")
     monkeypatch.setitem(sys.modules, library, None)
     read = read_image if name.endswith("exr") else read_points
-    with pytest.raises(InputError, match=r"pinproof\[sensor\]"):
+    with pytest.raises(pp.InputError, match=r"pinproof\[sensor\]"):
         read(tmp_path / name)
 
 
@@ -172,29 +172,29 @@ obstacles:
 """
     path = tmp_path / "scene.yaml"
     path.write_text(text.format(source="points: cloud.ply"), encoding="utf-8")
-    (obstacle,) = Scene.load(path).obstacles
+    (obstacle,) = pp.Scene.load(path).obstacles
     assert (obstacle.shape.cells == SEEN).any()
     np.save(tmp_path / "image.npy", np.round(IMAGE * 1e3).astype(np.uint16))
     source = "image: image.npy\n          depth_scale: 0.001"
     path.write_text(text.format(source=source), encoding="utf-8")
-    assert (Scene.load(path).obstacles[0].shape.cells == SEEN).any()
+    assert (pp.Scene.load(path).obstacles[0].shape.cells == SEEN).any()
     for wrong in ("points: none.ply", "{image: cloud.ply, points: cloud.ply}", "depth_scale: 1.0"):
         source = wrong.strip("{}").replace(", ", "\n          ")
         path.write_text(text.format(source=source), encoding="utf-8")
         with pytest.raises(SceneError, match=r"points"):
-            Scene.load(path)
+            pp.Scene.load(path)
     for wrong in ("[160]", ".nan"):
         path.write_text(text.format(source="points: cloud.ply").replace("width: 160", f"width: {wrong}"), "utf-8")
         with pytest.raises(SceneError, match=r"'camera'.*width"):
-            Scene.load(path)
+            pp.Scene.load(path)
 
 
 def test_half_floats_in_millimetres_are_converted_without_rounding():
     millimetres = np.round(IMAGE * 1e3).astype(np.float16)
     exact = millimetres.astype(float)
     settings = {**SETTINGS, "depth_scale": 0.001, "depth_uncertainty": 0.0}
-    grid = OccupancyGrid.from_depth(millimetres, CAMERA, ABOVE, **settings)
-    np.testing.assert_array_equal(grid.cells, OccupancyGrid.from_depth(exact, CAMERA, ABOVE, **settings).cells)
+    grid = pp.OccupancyGrid.from_depth(millimetres, CAMERA, ABOVE, **settings)
+    np.testing.assert_array_equal(grid.cells, pp.OccupancyGrid.from_depth(exact, CAMERA, ABOVE, **settings).cells)
 
 
 @pytest.mark.parametrize("columns", [2, 4])

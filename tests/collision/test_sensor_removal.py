@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from pinproof import Box, Obstacle, pose
+import pinproof as pp
 from pinproof.collision import DepthView, Intrinsics, remove_body
 from pinproof.collision.checking.sensor_removal import ray_depths
 from pinproof.spatial import SE3
@@ -46,16 +46,16 @@ def test_pixels_that_may_show_the_removed_body_bound_nothing_else(seed: int) -> 
     """A pixel that the body covers entirely looks through it; one that it covers in part proves no space to be free."""
     rng = np.random.default_rng(seed)
     eye = look_at(np.array([0.5, 0, 0.9]) + rng.uniform(-0.4, 0.4, 3) * [1, 1, 0.3], np.array([0.5, 0, 0.0]))
-    frame, size = pose((0.5, 0.0, 0.08), rng.uniform(-0.5, 0.5, 3)), np.array([0.16, 0.12, 0.16])
+    frame, size = pp.pose((0.5, 0.0, 0.08), rng.uniform(-0.5, 0.5, 3)), np.array([0.16, 0.12, 0.16])
     if seed == 3:  # a beam past the camera, both in front of it and behind it
-        beam = eye @ pose((0.2, 0.02, 0.0), (0.02, -0.03, 0.3)).homogeneous
+        beam = eye @ pp.pose((0.2, 0.02, 0.0), (0.02, -0.03, 0.3)).homogeneous
         frame, size = SE3(beam[:3, :3], beam[:3, 3]), np.array([0.1, 0.12, 1.0])
-    table = Solid(pose((0.5, 0.0, -0.05)).homogeneous, np.array([0.4, 0.4, 0.05]))
+    table = Solid(pp.pose((0.5, 0.0, -0.05)).homogeneous, np.array([0.4, 0.4, 0.05]))
     part = Solid(frame.homogeneous, size / 2)
     image = depth_image(CAMERA, eye, [table, part])
     image[rng.random(image.shape) < 0.02] = 0.0
     before = DepthView.read(image, CAMERA, eye, depth_uncertainty=UNCERTAINTY)
-    after = remove_body(before, Obstacle("part", Box(*size), frame))
+    after = remove_body(before, pp.Obstacle("part", pp.Box(*size), frame))
 
     # Depths (2, 2, 48, 64) at which the rays through the corners of each pixel enter and leave the box, by its slabs.
     v, u = np.meshgrid(np.arange(48), np.arange(64), indexing="ij")

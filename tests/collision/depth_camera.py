@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pinproof.collision import Intrinsics
+from pinproof.spatial import pose as pose_of
 
 
 @dataclass(frozen=True)
@@ -95,3 +96,14 @@ def states_by_definition(
         elif ((z.max() >= n) & (f > 0) & (z.min() <= f)).any():
             states[index] = 1
     return states
+
+
+def at(x: float, y: float, z: float, rpy: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
+    return np.array(pose_of((x, y, z), rpy).homogeneous)
+
+
+CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
+ABOVE = look_at(np.array([0.3, -0.2, 1.2]), np.array([0.5, 0.0, 0.0]))
+BOUNDS = [(0.0, -0.5, -0.1), (1.0, 0.5, 0.6)]
+TABLE = Solid(at(0.5, 0.0, -0.05), np.array([0.8, 0.8, 0.05]))
+PART = Solid(at(0.5, 0.0, 0.05), np.array([0.05, 0.05, 0.05]))

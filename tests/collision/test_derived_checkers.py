@@ -16,6 +16,8 @@ import pinproof as pp
 from pinproof.collision import CheckerSpec
 from pinproof.description import robots_folder
 
+from ..examples import examples
+
 BALL = pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0.5, 0.1, 0.4)))
 TABLE = pp.Obstacle("table", pp.Box(1.0, 1.0, 0.05), pp.pose((0.6, 0, -0.1)))
 TOOL = pp.Obstacle("tool", pp.Box(0.05, 0.05, 0.2), pp.pose((0, 0, 0.1)))
@@ -236,6 +238,7 @@ def spec() -> CheckerSpec:
     return CheckerSpec(arm, pp.Scene([POST, WALL]), margin=0.002, margins={("forearm_link", "post"): 0.05})
 
 
+@examples(30)
 @given(names=st.lists(st.sampled_from(sorted(CHANGES)), min_size=1, max_size=3))
 def test_changed_checker_equals_the_checker_of_the_changed_specification(spec: CheckerSpec, names: list[str]) -> None:
     changed, checker = spec, pp.CollisionChecker.of(spec)

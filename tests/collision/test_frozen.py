@@ -14,26 +14,23 @@ from pinproof.collision import files_examined_once
 
 def test_the_inputs_of_a_checker_cannot_be_changed_afterwards(panda):
     post = pp.Obstacle("post", pp.Box(0.1, 0.1, 0.1), pp.pose((1.0, 0.0, 1.5)))
-    tool = pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0.0, 0.0, 0.12)))
-    scene = pp.Scene([post])
+    tool, scene = pp.Obstacle("tool", pp.Sphere(0.01), pp.pose((0.0, 0.0, 0.12))), pp.Scene([post])
     checker = pp.CollisionChecker(panda, scene, attached=[tool])
     for what in (scene["post"].pose, checker.attached[0].pose, checker.bodies[0].link_from_body, panda.root_from_base):
-        with pytest.raises(ValueError, match="read-only"):
-            what.translation[2] -= 1.0
-        with pytest.raises(ValueError, match="read-only"):
-            what.rotation[0, 0] = 0.0
-        with pytest.raises(AttributeError, match="read-only"):
-            what.translation = np.zeros(3)
-        with pytest.raises(AttributeError, match="read-only"):
-            what.rotation = np.eye(3)
-        with pytest.raises(AttributeError, match="read-only"):
-            what.setIdentity()
-        with pytest.raises(AttributeError, match="read-only"):
-            what.setRandom()
-    for array in (checker.margins, checker.bodies[0].box, checker.bodies[0].support.points, panda.scale, panda.offset):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
-    for array in (checker.convex, checker.still_pairs):
+        for array, index in ((what.translation, 2), (what.rotation, (0, 0))):
+            with pytest.raises(ValueError, match="read-only"):
+                array[index] -= 1.0
+        for change in (
+            lambda what=what: setattr(what, "translation", np.zeros(3)),
+            lambda what=what: setattr(what, "rotation", np.eye(3)),
+            what.setIdentity,
+            what.setRandom,
+        ):
+            with pytest.raises(AttributeError, match="read-only"):
+                change()
+    body = checker.bodies[0]
+    arrays = (checker.margins, body.box, body.support.points, panda.scale, panda.offset, checker.convex)
+    for array in (*arrays, checker.still_pairs):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
     for name in ("arm", "scene", "attached", "margin", "bodies", "pairs", "margins", "world", "rounding", "excluded"):
@@ -60,7 +57,7 @@ def test_the_held_joints_of_an_arm_cannot_be_changed_in_place(panda):
         again.held["panda_finger_joint1"] = 0.04
 
 
-@pytest.mark.parametrize("robot_name", ["panda", "ur5", "pr2_left"])
+@pytest.mark.parametrize("robot_name", ["panda", "ur5"])
 @pytest.mark.slow
 def test_the_pinocchio_models_of_an_arm_and_its_robot_are_copies(robot_name):
     arm = pp.load_robot(robot_name).arm()
@@ -108,15 +105,16 @@ def test_a_mesh_that_was_modified_in_place_is_refused_and_read_again_by_a_new_ch
     shapes = [pp.Mesh.from_arrays(*arrays, hull=False), pp.Mesh.from_arrays(*arrays), file]
     scene = pp.Scene([pp.Obstacle(f"ring{k}", shape, pp.pose((0.1 * k, 0.0, 3.0))) for k, shape in enumerate(shapes)])
     move = pp.JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
-    for name in ("ring0", "ring1", "ring2", panda.robot.urdf.collisions[0].link):
-        checker = pp.CollisionChecker(panda, scene, link_meshes="mesh")
+    link = panda.robot.urdf.collisions[0].link
+    for name in ("ring0", "ring1", "ring2", link):
+        checker = pp.CollisionChecker(panda, scene, link_meshes={link: "mesh"})
         index = next(i for i, body in enumerate(checker.bodies) if body.owner == name)
         vertices = checker.bodies[index].geometry.vertices()
         before = vertices.copy()
         vertices += 1.0
         with pytest.raises(pp.InputError, match=checker.bodies[index].name):
             pp.certify(move, checker)
-        again = pp.CollisionChecker(panda, scene, link_meshes="mesh")
+        again = pp.CollisionChecker(panda, scene, link_meshes={link: "mesh"})
         assert pp.certify(move, again).free
         np.testing.assert_array_equal(again.bodies[index].geometry.vertices(), before)
 

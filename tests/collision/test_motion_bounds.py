@@ -244,7 +244,7 @@ def test_certificates_state_no_more_than_their_bounds(kinds: str) -> None:
     known, rng = cell(1, kinds), np.random.default_rng(9)
     arm, rows, spans = known.checker.arm, 0, 0
     checker = known.checker
-    while rows < 250 or spans < 60:
+    while rows < 120 or spans < 30:
         at = rng.uniform(-1, 1, (3, arm.dof)) * np.where(np.array(list(kinds)) == "r", 1.5, 0.3)
         at[1:] = at[0] + np.array([[0.02], [0.3]]) * (at[1:] - at[0])  # slow, then fast
         curve = (CubicPath.through if rng.integers(2) else pp.JointPath)(at, arm.joint_names)

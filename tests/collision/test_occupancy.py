@@ -1,32 +1,26 @@
-"""Occupancy grids of depth images: the states of cells, their conservativeness, fusion, removal, bodies and proofs."""
+"""Occupancy grids of depth images: states of cells, their conservativeness, fusion, removal, bodies and proofs."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
 import pinproof as pp
 from pinproof._core import carve
 from pinproof.collision import DepthView, Intrinsics, remove_body, remove_robot
+from pinproof.collision.checking.sensor_removal import ray_depths
 from pinproof.collision.geometry.bodies import shape_bodies
 from pinproof.collision.geometry.occupancy import CLEARED, FREE, SEEN, UNKNOWN
 from pinproof.collision.geometry.surfaces import cell_faces
 from pinproof.errors import FileError
-from tests.collision.depth_camera import Solid, depth_image, look_at, states_by_definition
+from pinproof.spatial import SE3
 
-CAMERA = Intrinsics(150.0, 150.0, 79.5, 59.5, 160, 120)
-BOUNDS = [(0.0, -0.5, -0.1), (1.0, 0.5, 0.6)]
-ABOVE = look_at(np.array([0.3, -0.2, 1.2]), np.array([0.5, 0.0, 0.0]))
+from ..examples import examples
+from .depth_camera import ABOVE, BOUNDS, CAMERA, PART, TABLE, Solid, at, depth_image, look_at, states_by_definition
 
-
-def at(x: float, y: float, z: float, rpy: tuple[float, float, float] = (0, 0, 0)) -> np.ndarray:
-    return np.array(pp.pose((x, y, z), rpy).homogeneous)
-
-
-TABLE = Solid(at(0.5, 0.0, -0.05), np.array([0.8, 0.8, 0.05]))
-PART = Solid(at(0.5, 0.0, 0.05), np.array([0.05, 0.05, 0.05]))
 BEHIND = Solid(at(0.68, 0.05, 0.025), np.array([0.03, 0.03, 0.025]))
 
 
@@ -62,7 +56,7 @@ def test_bounds_of_depth_are_rounded_away_from_the_surface():
 
 
 @given(seed=st.integers(0, 2**32), margin=st.integers(0, 2), eye=vectors, roll=st.floats(-3, 3))
-@settings(max_examples=25, deadline=None)
+@examples(12)
 @pytest.mark.slow
 def test_states_equal_their_definition(seed, margin, eye, roll):
     rng = np.random.default_rng(seed)
@@ -97,7 +91,7 @@ solids = st.builds(
     eyes=st.lists(vectors, min_size=1, max_size=3),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=60, deadline=None)
+@examples(25)
 @pytest.mark.slow
 def test_no_point_of_a_surface_is_in_a_free_cell(scene, eyes, seed):
     """Seen or unseen: from random cameras, also of several views together."""
@@ -286,7 +280,7 @@ def test_cells_inside_a_body_are_removed_and_shared_cells_stay():
 
 
 @given(seed=st.integers(0, 1000), eye=vectors)
-@settings(max_examples=20, deadline=None)
+@examples(12)
 def test_space_behind_a_removed_body_is_not_proven_free(seed, eye):
     rng = np.random.default_rng(seed)
     camera = look_at(np.array([0.5, 0, 1.1]) + eye * [0.5, 0.5, 0.2], np.array([0.5, 0, 0.0]), rng.uniform(-3, 3))
@@ -412,36 +406,6 @@ def test_each_mistake_is_refused_with_its_reason(changes, words):
         pp.OccupancyGrid.from_depth(**stated)
 
 
-def test_removal_from_something_else_is_refused():
-    seen = DepthView.read(IMAGE, CAMERA, ABOVE)
-    checker = pp.CollisionChecker(pp.load_robot("ur5").arm())
-    with pytest.raises(pp.InputError, match="not DepthView"):
-        remove_robot(seen, checker, checker.arm.home)
-    with pytest.raises(pp.InputError, match="padding"):
-        remove_robot(view([TABLE]), checker, checker.arm.home, padding="wide")
-    with pytest.raises(pp.InputError, match="and str"):
-        remove_body(seen, "part")
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"),
-        ({"cells": [[[0, 1]], [[0]]]}, "differ in length"),
-        ({"record": "one sentence"}, "sequence of sentences"),
-        ({"record": [3]}, "sequence of sentences"),
-        ({"cells": np.zeros((2, 2))}, "shape"),
-        ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
-        ({"low": (0, 0.5, 0)}, "three integers"),
-        ({"voxel": -1}, "voxel"),
-        ({"low": (10**6, 0, 0)}, "limit"),
-    ],
-)
-def test_a_grid_of_invalid_cells_is_refused(changes, words):
-    with pytest.raises(pp.InputError, match=words):
-        pp.OccupancyGrid(**{"cells": np.zeros((2, 2, 2), dtype=int), "voxel": 0.1, **changes})
-
-
 @pytest.mark.parametrize("error", [0.004, 0.01, 0.027, 0.05])
 def test_points_outside_the_image_occupy_every_cell_that_they_may_be_in(error):
     """A point beside the view has the stated uncertainty; each cell that meets the cube about it is occupied."""
@@ -455,3 +419,100 @@ def test_points_outside_the_image_occupy_every_cell_that_they_may_be_in(error):
     seen = grid.cells.reshape(-1) == SEEN
     assert seen[near].all()
     assert not seen[~near & (np.abs(corners[:, 0] - beside[0]) < 0.15)].any()
+
+
+def test_invalid_cells_and_removals_from_something_else_are_refused():
+    cells, checker = np.zeros((2, 2, 2), dtype=int), pp.CollisionChecker(pp.load_robot("ur5").arm())
+    seen, home = DepthView.read(IMAGE, CAMERA, ABOVE), checker.arm.home
+    for changes, words in (
+        ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"), ({"cells": [[[0, 1]], [[0]]]}, "differ in length"),
+        ({"record": "one sentence"}, "sequence of sentences"), ({"record": [3]}, "sequence of sentences"),
+        ({"cells": np.zeros((2, 2))}, "shape"), ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
+        ({"low": (0, 0.5, 0)}, "three integers"), ({"voxel": -1}, "voxel"), ({"low": (10**6, 0, 0)}, "limit"),
+    ):  # fmt: skip
+        with pytest.raises(pp.InputError, match=words):
+            pp.OccupancyGrid(**{"cells": cells, "voxel": 0.1, **changes})
+    for remove, words in (
+        (lambda: remove_robot(seen, checker, home), "not DepthView"),
+        (lambda: remove_robot(view([TABLE]), checker, home, padding="wide"), "padding"),
+        (lambda: remove_body(seen, "part"), "and str"),
+    ):
+        with pytest.raises(pp.InputError, match=words):
+            remove()
+
+
+SMALL = Intrinsics(60.0, 60.0, 31.5, 23.5, 64, 48)
+UNCERTAINTY = 0.003
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rays_cross_a_polytope_where_dense_points_do(seed: int) -> None:
+    """Some rays are parallel to faces, inside and outside of them."""
+    rng = np.random.default_rng(seed)
+    points = np.array(np.meshgrid(*[(-0.2, 0.2)] * 3)).reshape(3, 8).T + np.array([rng.uniform(-0.4, 0.4), 0.1, 1.0])
+    if seed > 2:
+        points = rng.normal(size=(12, 3)) * 0.2 + [0, 0, 1]
+    hull = ConvexHull(points)
+    rays = np.column_stack([rng.uniform(-0.6, 0.6, (60, 2)), np.ones(60)])
+    rays[:20, 0] = 0.0
+    rays[10:25, 1] = 0.0
+    enter, leave = ray_depths(hull.equations, rays)
+    depths = np.linspace(-1, 3, 8001)
+    crossed = 0
+    for ray, first, last in zip(rays, enter, leave, strict=True):
+        inside = (depths[:, None] * ray @ hull.equations[:, :3].T + hull.equations[:, 3] <= 0).all(axis=1)
+        if inside.sum() > 2:
+            crossed += 1
+            assert first == pytest.approx(depths[inside][0], abs=6e-4)
+            assert last == pytest.approx(depths[inside][-1], abs=6e-4)
+        elif not inside.any():
+            assert first > last or last - first < 2e-3
+    assert crossed > 5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pixels_that_may_show_the_removed_body_bound_nothing_else(seed: int) -> None:
+    """A pixel that the body covers entirely looks through it; one that it covers in part proves no space to be free."""
+    rng = np.random.default_rng(seed)
+    eye = look_at(np.array([0.5, 0, 0.9]) + rng.uniform(-0.4, 0.4, 3) * [1, 1, 0.3], np.array([0.5, 0, 0.0]))
+    frame, size = pp.pose((0.5, 0.0, 0.08), rng.uniform(-0.5, 0.5, 3)), np.array([0.16, 0.12, 0.16])
+    if seed == 3:  # a beam past the camera, both in front of it and behind it
+        beam = eye @ pp.pose((0.2, 0.02, 0.0), (0.02, -0.03, 0.3)).homogeneous
+        frame, size = SE3(beam[:3, :3], beam[:3, 3]), np.array([0.1, 0.12, 1.0])
+    table = Solid(pp.pose((0.5, 0.0, -0.05)).homogeneous, np.array([0.4, 0.4, 0.05]))
+    part = Solid(frame.homogeneous, size / 2)
+    image = depth_image(SMALL, eye, [table, part])
+    image[rng.random(image.shape) < 0.02] = 0.0
+    before = DepthView.read(image, SMALL, eye, depth_uncertainty=UNCERTAINTY)
+    after = remove_body(before, pp.Obstacle("part", pp.Box(*size), frame))
+
+    # Depths (2, 2, 48, 64) at which the rays through the corners of each pixel enter and leave the box, by its slabs.
+    v, u = np.meshgrid(np.arange(48), np.arange(64), indexing="ij")
+    at = np.array([[(u + i - SMALL.cx, v + j - SMALL.cy) for i in (-0.5, 0.5)] for j in (-0.5, 0.5)])
+    rays = np.stack([at[:, :, 0] / SMALL.fx, at[:, :, 1] / SMALL.fy, np.ones(at[:, :, 0].shape)], axis=-1)
+    part_from_camera = np.linalg.inv(part.pose) @ eye
+    origin, rays = part_from_camera[:3, 3], rays @ part_from_camera[:3, :3].T
+    slabs = np.stack([(-part.half - origin) / rays, (part.half - origin) / rays])
+    enter, leave = slabs.min(axis=0).max(axis=-1), slabs.max(axis=0).min(axis=-1)
+    hit = (enter <= leave) & (leave > 0)
+    some, whole = hit.any(axis=(0, 1)), hit.all(axis=(0, 1))
+    # A pixel measures the box if its depth is between where a ray enters and half the way to where it leaves.
+    first = np.where(hit, enter, np.inf).min(axis=(0, 1))
+    half = np.where(hit, (enter + leave) / 2, -np.inf).max(axis=(0, 1))
+    shows = (image > 0) & some & (image + UNCERTAINTY >= first) & (image - UNCERTAINTY <= half)
+    assert (shows & whole).sum() > 40
+    assert (shows & ~whole).sum() > 10
+    assert (some & ~shows & (image > 0)).any()
+    behind = np.where(shows & whole, np.where(hit, leave, np.inf).min(axis=(0, 1)), 0.0)
+    assert after.nearest == pytest.approx(np.maximum(before.nearest, behind), abs=1e-9)
+    assert (after.farthest == np.where(shows, 0.0, before.farthest)).all()
+    assert f"{shows.sum()} pixels" in after.record[-1]
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.7, 3.0])
+def test_a_scaled_image_shows_each_point_at_the_same_share_of_its_sides(factor: float) -> None:
+    scaled = SMALL.scaled(factor)
+    assert (scaled.width, scaled.height) == (round(64 * factor), round(48 * factor))
+    for x, y, z in np.random.default_rng(0).uniform([-0.4, -0.3, 0.8], [0.4, 0.3, 2.0], (20, 3)):
+        pixels = [(c.fx * x / z + c.cx + 0.5, c.fy * y / z + c.cy + 0.5) for c in (SMALL, scaled)]
+        assert pixels[1] == pytest.approx(factor * np.array(pixels[0]))

@@ -117,7 +117,7 @@ def test_bracket_of_convex_bodies_contains_the_least_width_over_dense_directions
 def test_meshes_of_convex_bodies_are_as_deep_as_the_bodies(kinds: str) -> None:
     """Each pair is moved until a millimetre or less remains, so that the separation matters."""
     rng, seen, excess = np.random.default_rng(5), {True: 0, False: 0}, []
-    for _ in range(40):
+    for _ in range(24):
         meshes = [random_solid(rng)[1] for _ in range(2)]
         solids = [pp.collision.ConvexHull(np.array(mesh.vertices)) for mesh in meshes]
         at = pp.pose(rng.normal(0, 0.015, 3), rng.uniform(-3, 3, 3))
@@ -134,7 +134,7 @@ def test_meshes_of_convex_bodies_are_as_deep_as_the_bodies(kinds: str) -> None:
         assert found.depth >= true.depth - 2e-5
         seen[true.clearance > 0.0] += 1
         excess.append(found.depth - true.depth)
-    assert min(seen.values()) > 8
+    assert min(seen.values()) > 4
     assert np.median(excess) < 1e-4
 
 

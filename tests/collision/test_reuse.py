@@ -74,7 +74,7 @@ def test_the_limits_are_those_of_the_new_checker(checker, motion, proof) -> None
 
 def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, motion, proof) -> None:
     rng, found = np.random.default_rng(0), dict.fromkeys(pp.CertificateStatus, 0)
-    for trial in range(45):
+    for trial in range(24):
         passed = checker.arm.forward_kinematics(motion(rng.uniform(0, motion.duration))).translation
         other = checker.with_scene(changed_scene(checker.scene, passed, rng))
         again, fresh = proof.certify(SetupChange(checker, other)), pp.certify(motion, other)
@@ -89,7 +89,7 @@ def test_random_changes_give_the_verdict_of_a_certificate_from_scratch(checker, 
                 assert not pp.audit(motion, other, step=0.02).contacts
         elif again.first_contact is not None:
             assert other.check(again.first_contact.q).contacts
-    assert min(found[pp.CertificateStatus.FREE], found[pp.CertificateStatus.COLLIDING]) >= 5
+    assert min(found[pp.CertificateStatus.FREE], found[pp.CertificateStatus.COLLIDING]) >= 3
 
 
 def test_the_observed_distance_includes_that_of_kept_pairs_at_the_start() -> None:

@@ -22,6 +22,8 @@ from pinproof.description import robots_folder
 from pinproof.errors import SceneError
 from pinproof.spatial import matrix
 
+from ..examples import examples
+
 EVERY_SHAPE = """
 obstacles:
   - {name: table, box: [1.2, 0.8, 0.04], xyz: [0.5, 0, -0.02], rpy: [0, 0, pi/2], rgba: [1, 0.5, 0, 1]}
@@ -186,6 +188,7 @@ def test_a_scene_that_cannot_be_written_is_an_error_and_leaves_no_file(tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
+@examples(25)
 @given(
     sides=st.tuples(*[st.floats(1e-6, 1e4)] * 3),
     xyz=st.tuples(*[st.floats(-1e4, 1e4)] * 3),

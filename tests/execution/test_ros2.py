@@ -451,7 +451,7 @@ class TestStart:
     def test_it_is_not_sent_to_a_robot_that_is_elsewhere_on_the_motion(self, checker, swing, moving) -> None:
         """The tube of the whole motion says nothing about its start: the end and every corner are in it too."""
         sent = {True: 0, False: 0}
-        for time in np.linspace(0.0, swing.duration, 300):
+        for time in np.linspace(0.0, swing.duration, 100):
             q, dq = swing(time), swing.velocity(time) * moving
             execution = ros2.CertifiedExecution(checker)
             execution.on_state({**at_rest(q, swing), "velocity": dq.tolist()}, 0.0)

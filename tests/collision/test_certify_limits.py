@@ -103,22 +103,6 @@ def test_default_accelerations_are_not_compared_and_known_ones_are(ur5, checker)
     assert pp.certify(motion, checker, limits=with_limits(ur5, acceleration=np.full(6, 8.34))).status is FREE
 
 
-def test_a_path_is_compared_with_the_ranges_only(ur5, checker) -> None:
-    path = pp.JointPath([ur5.home, ur5.home + 9.0 * np.eye(6)[0]], ur5.joint_names)
-    certificate = pp.certify(path, checker)
-    assert (certificate.status, certificate.limits.checked) == (VIOLATED, ("position",))
-    assert pp.certify(pp.JointPath([ur5.home, ur5.home + 0.1], ur5.joint_names), checker).status is FREE
-
-
-def test_a_blend_that_swings_past_a_limit_only_between_its_waypoints_is_violated(ur5, checker) -> None:
-    control = np.stack([ur5.home, ur5.home + 0.3 * np.eye(6)[0], ur5.home])[None]
-    curve = BlendedPath([0.0, 1.0], control, ur5.joint_names)
-    upper = ur5.limits.upper.copy()
-    for room, status in ((0.149, VIOLATED), (0.151, FREE)):  # the top of this parabola is at 0.15
-        upper[0] = ur5.home[0] + room
-        assert pp.certify(curve, checker, limits=with_limits(ur5, upper=upper)).status is status
-
-
 def test_limits_of_another_number_of_joints_are_refused(ur5, checker) -> None:
     motion = swing(ur5, 0.1, 1.0)
     with pytest.raises(pp.InputError, match="7 joints"):

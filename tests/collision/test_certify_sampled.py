@@ -156,13 +156,6 @@ def test_meshes_are_their_triangles_whatever_the_checker_uses(arm):
     assert not audit(still, judge, exact=False).clean
 
 
-def test_a_start_inside_a_closed_box_mesh_is_detected(arm):
-    hull = trimesh.creation.box((6, 6, 6))
-    room = pp.Mesh.from_arrays(np.asarray(hull.vertices), np.asarray(hull.faces), hull=False)
-    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("room", room)]), link_meshes="mesh")
-    assert not audit(swing(arm), checker, step=0.5).clean
-
-
 @pytest.mark.parametrize("floor", [False, True])
 def test_every_pair_in_contact_is_listed_in_the_order_of_time(slider, floor):
     """The ball of 1 cm passes two obstacles at the same place, after one that the scene lists last."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import coal
@@ -149,17 +148,6 @@ def test_threads_get_equal_answers(ur5):
         assert list(pool.map(checker.clearance, many)) == alone
 
 
-def test_a_checker_survives_pickling(ur5, mesh_file):
-    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))], allowed=[("base_link", "ball")])
-    checker = pp.CollisionChecker(ur5, scene, margin=0.01, attached=[pp.Obstacle("tool", pp.Box(0.1, 0.1, 0.1))])
-    copy = pickle.loads(pickle.dumps(checker))
-    many = random_q(ur5, 40)
-    assert [copy.clearance(q) for q in many] == [checker.clearance(q) for q in many]
-    assert [copy.is_free(q) for q in many] == [checker.is_free(q) for q in many]
-    assert copy.fingerprint() == checker.fingerprint()
-    assert copy.excluded == checker.excluded
-
-
 def test_another_setting_is_another_fingerprint(ur5):
     scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))])
     variants = [
@@ -301,45 +289,6 @@ def test_an_attached_object_collides_and_is_listed(ur5):
     allowing = pp.CollisionChecker(ur5, scene, attached=[tool], allowed=[("gripper", "part")])
     assert allowing.is_free(ur5.home)
     assert reasons(allowing)[frozenset(("gripper", "part"))] == "allowed by the caller"
-
-
-def test_held_joints_keep_their_values_and_change_the_kinematics():
-    robot = pp.load_robot("panda")
-    fingers = {"panda_finger_joint1": 0.04}
-    if robot.urdf.joints["panda_finger_joint2"].mimic is None:
-        fingers["panda_finger_joint2"] = 0.04
-    closed, opened = robot.arm(held=dict.fromkeys(fingers, 0.0)), robot.arm(held=fingers)
-    tcp = closed.forward_kinematics(closed.home)
-    beside = pp.Scene([pp.Obstacle("peg", pp.Sphere(0.005), tcp * pp.pose((0, 0.045, -0.005)))])
-    assert pp.CollisionChecker(closed, beside).is_free(closed.home)
-    contacts = pp.CollisionChecker(opened, beside).check(opened.home).contacts
-    assert {contact.bodies for contact in contacts} == {("panda_leftfinger", "peg")}
-
-
-def test_a_mimic_follower_moves_with_its_leader(arm_from_links):
-    bar = '<box size="0.02 0.02 0.2"/>@0 0 0.1'
-    robot = arm_from_links(
-        {"root": "", "a": bar, "b": bar, "tip": ""},
-        [("lead", "revolute", "root", "a", "0 0 0", "1 0 0"), ("end", "fixed", "a", "tip", "0 0 0.2", "1 0 0")],
-        '<joint name="follow" type="revolute"><parent link="root"/><child link="b"/><origin xyz="0.5 0 0"/>'
-        '<axis xyz="1 0 0"/><limit lower="-7" upper="7" velocity="1" effort="1"/>'
-        '<mimic joint="lead" multiplier="-2" offset="0.1"/></joint>',
-    )
-    arm = robot.arm(tcp="tip")
-    at = 0.7
-    angle = -2 * at + 0.1
-    ball = pp.Obstacle("ball", pp.Sphere(0.01), pp.pose((0.5, -0.15 * np.sin(angle), 0.15 * np.cos(angle))))
-    checker = pp.CollisionChecker(arm, pp.Scene([ball]))
-    assert [contact.bodies for contact in checker.check([at]).contacts] == [("b", "ball")]
-    assert checker.is_free([at + 0.2])
-
-
-def test_a_scene_handed_over_cannot_be_changed_behind_the_checker(slider):
-    wall = pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((1, 0, 0)))
-    checker = pp.CollisionChecker(slider, pp.Scene([wall]))
-    with pytest.raises(AttributeError, match="read-only"):
-        wall.pose.translation = np.array([9.0, 0, 0])
-    assert checker.clearance([0.0]) == pytest.approx(0.94, abs=1e-7)
 
 
 def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last(panda):

@@ -98,21 +98,6 @@ def test_an_exact_flat_mesh_is_a_surface(slider, mesh_file):
     assert checker.clearance([0.1]) == pytest.approx(0.09, abs=1e-6)
 
 
-def test_a_distance_result_kept_by_coal_goes_stale_but_ours_does_not(slider):
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    mesh = trimesh.creation.icosphere(radius=0.1)
-    ball, places = (
-        bvh(np.array(mesh.vertices), np.array(mesh.faces)),
-        [coal.Transform3s(np.eye(3), np.array([x, 0, 0])) for x in (0.0, 1.0, 3.0)],
-    )
-    near = coal.distance(ball, places[0], ball, places[1], request, result)
-    coal.distance(ball, places[0], ball, places[2], request, result)
-    assert result.min_distance == pytest.approx(near)  # the trap: 0.8, though the balls are 2.8 apart
-    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((1, 0, 0)))]))
-    for x in (0.9, 0.0, 0.5, -1.0):
-        assert checker.clearance([x]) == pytest.approx(0.94 - x, abs=1e-7)
-
-
 @pytest.mark.parametrize("margin", [0.0, 1e-3, 0.05])
 @pytest.mark.parametrize("obstacle", [pp.Box(0.2, 1, 1), pp.Cylinder(0.1, 1), pp.Sphere(0.1), "hull", "exact"])
 def test_the_margin_is_honoured_on_both_sides(slider, mesh_file, margin, obstacle):
@@ -296,16 +281,6 @@ def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
         assert not checker.is_free([0.0])
         assert checker.is_free([3.0])
     assert passed > 0  # the trap
-
-
-def test_no_continuous_check_in_coal_is_relied_on(slider, path):
-    """A ball of 1 cm jumps over a sheet of a micrometre between any two samples that are no nearer than itself."""
-    sheet = pp.Scene([pp.Obstacle("sheet", pp.Box(1e-6, 1, 1), pp.pose((0.5, 0, 0)))])
-    checker, move = pp.CollisionChecker(slider, sheet), path(slider, [0.0], [1.0])
-    assert checker.is_free_batch(move(np.linspace(0, 1, 36))).all()  # the trap
-    certificate = pp.certify(move, checker)
-    assert certificate.status is pp.CertificateStatus.COLLIDING
-    assert certificate.first_contact.proven_free_until == pytest.approx(0.49, abs=1e-3)
 
 
 def test_height_fields_of_coal_know_no_distance():

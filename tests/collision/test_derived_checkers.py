@@ -49,6 +49,7 @@ def test_a_derived_checker_equals_a_new_one(ur5):
     grasp = checker.with_attached(TOOL).allowing(("tool", "ball")).with_margin(0.002)
     same(grasp, pp.CollisionChecker(ur5, checker.scene, margin=0.002, attached=[TOOL], allowed=[("tool", "ball")]), ur5)
     same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
+    same(pickle.loads(pickle.dumps(grasp)), grasp, ur5)
 
 
 def test_another_scene_keeps_what_is_stated_of_attached_objects(ur5):

@@ -221,21 +221,6 @@ def test_a_mesh_that_is_not_watertight_is_named(slider, mesh_file, path):
     assert text.startswith("open: not watertight")
 
 
-def test_certificate_names_a_link_whose_open_mesh_is_replaced_by_its_hull(tmp_path, path):
-    box = trimesh.creation.box((0.4, 0.4, 0.4))
-    trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "open.stl")
-    arm = pp.load_robot(
-        f'<robot name="r"><link name="base"/><link name="box"><collision><geometry><mesh filename="{tmp_path}/open.stl"'
-        '/></geometry></collision></link><link name="tip"/><joint name="q" type="continuous"><parent link="base"/>'
-        '<child link="box"/><limit velocity="1" effort="1"/></joint><joint name="end" type="fixed">'
-        '<parent link="box"/><child link="tip"/></joint></robot>'
-    ).arm(tcp="tip")
-    certificate = pp.certify(path(arm, [0.0]), pp.CollisionChecker(arm, link_meshes="mesh"))
-    (note,) = certificate.notes
-    assert "box: open.stl is not watertight" in note
-    assert "convex hull" in note
-
-
 def test_note_on_a_point_cloud_names_resolution_and_unobserved_space(slider, path):
     (expected,) = notes(path, slider, pp.Obstacle("seen", pp.PointCloud(np.array([[0.5, 0.5, 0.5]]), 0.01)))
     assert "seen: point cloud in cells of 0.01 m" in expected

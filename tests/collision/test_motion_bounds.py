@@ -128,14 +128,6 @@ def test_a_folded_planar_arm_is_not_judged_with_roles_exchanged_joint_by_joint(a
     assert certificate.first_contact.time == pytest.approx(first_touch(checker, edge), abs=1e-3)
 
 
-def test_the_proven_clearance_is_never_above_the_true_one(slider, path):
-    """Straight at a cylinder that is 0.1 m away in the end; its bounding box is rotated so that it proves nothing."""
-    post = pp.Obstacle("post", pp.Cylinder(0.3, 1), pp.pose((0.71, 0, 0), (0, 0, np.pi / 4)))
-    certificate = pp.certify(path(slider, [0.0], [0.3]), pp.CollisionChecker(slider, pp.Scene([post])))
-    assert certificate.status is FREE
-    assert 0.05 < certificate.clearance <= 0.1
-
-
 @pytest.mark.parametrize("thickness", [1e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("kind", ["box", "disc", "hull", "exact"])
 def test_a_thin_plate_across_a_fast_wrist_is_never_jumped_over(

@@ -225,14 +225,3 @@ def test_a_planning_scene_is_saved_as_one_of_ours(read, tmp_path):
     scene.save(tmp_path / "ours.yaml")
     assert "obstacles" in yaml.safe_load((tmp_path / "ours.yaml").read_text())
     assert Scene.load(tmp_path / "ours.yaml").is_close(scene)
-
-
-def test_a_matrix_that_disables_links_leaves_the_check_to_the_checker(read, ur5):
-    matrix = entries(["forearm_link", "wrist_3_link"], [("forearm_link", "wrist_3_link")])
-    scene = read([], allowed_collision_matrix=matrix)
-    owners = [
-        {checker.bodies[i].owner, checker.bodies[j].owner}
-        for checker in [CollisionChecker(ur5, scene)]
-        for i, j in checker.pairs
-    ]
-    assert {"forearm_link", "wrist_3_link"} in owners

@@ -342,16 +342,6 @@ def test_the_work_for_a_large_scene_grows_with_its_number_of_obstacles(generic_6
     assert compared < 6 * max(few_compared, 200)
 
 
-def test_a_scene_of_20_000_boxes_is_changed_and_restored(tmp_path):
-    boxes = [Obstacle(f"box {i}", Box(0.01, 0.02, 0.03), pose((i / 1000, 0, 0))) for i in range(20_000)]
-    scene = Scene(boxes)
-    assert (len(scene), scene["box 19999"]) == (20_000, boxes[-1])
-    assert list(scene.remove(*scene.names[::2]).values()) == boxes[1::2]
-    few = scene.remove(*scene.names[:19_000])
-    few.save(tmp_path / "scene.yaml")
-    assert Scene.load(tmp_path / "scene.yaml").is_close(few)
-
-
 @pytest.mark.parametrize("pair", [("base", "base"), "ab", ("a", "b", "c"), ("a", 3)])
 def test_an_invalid_pair_is_refused(scene, pair):
     with pytest.raises(InputError):
@@ -404,18 +394,3 @@ def test_meaningless_values_are_refused_with_their_location(tmp_path: Path, text
     assert str(caught.value).startswith(str(file))
     for word in words:
         assert word in str(caught.value)
-
-
-def test_a_digest_follows_name_shape_pose_and_the_content_of_meshes(tmp_path: Path) -> None:
-    other = (
-        pp.Obstacle("rod2", ROD.shape, ROD.pose),
-        pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1000001), ROD.pose),
-        pp.Obstacle("rod", ROD.shape, pp.pose((0.1, 0.2, 0.3 + 1e-8), (0.4, 0.5, 0.6))),
-    )
-    assert len({body_digest(body) for body in (ROD, *other)}) == 4
-    digests = []
-    for name, width in (("a", 1), ("b", 1), ("c", 2)):
-        file = tmp_path / f"{name}.obj"
-        file.write_text(f"v 0 0 0\nv {width} 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-        digests.append(body_digest(pp.Obstacle("part", pp.Mesh(file))))
-    assert digests[0] == digests[1] != digests[2]

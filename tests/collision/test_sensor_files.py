@@ -280,16 +280,6 @@ def test_distances_equal_those_of_the_surface_of_the_cells():
         assert min(boxes) == pytest.approx(surface, abs=2e-6)
 
 
-def test_a_motion_beside_a_cloud_is_proven_and_the_proof_is_verified(tmp_path):
-    arm = pp.load_robot("ur5").arm()
-    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("cloud", noisy_table(0.01, 0.06))]), margin=0.002)
-    path = pp.JointPath(np.array([arm.home, arm.home + 0.3 * np.eye(6)[0]]), arm.joint_names)
-    certificate = pp.certify(path, checker, record=True)
-    assert certificate.free
-    certificate.save(tmp_path / "proof.json.gz")
-    assert pp.verify_proof(tmp_path / "proof.json.gz", checker, path).ok
-
-
 def test_points_that_are_not_finite_are_dropped_and_counted():
     measured = [[0.1, 0.2, 0.3], [np.nan, 0, 0], [0, np.inf, 0], [0.5, 0.5, 0.5]]
     cloud = pp.PointCloud(measured, 0.01)

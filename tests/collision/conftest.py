@@ -30,27 +30,34 @@ def generic_6dof():
     return load_robot("generic_6dof").arm()
 
 
+LIMIT = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
+
+
+def urdf_of(links: dict[str, str], joints: list[tuple[str, ...]], extra: str = "", name: str = "built") -> str:
+    """A URDF of (link, geometry) and (joint, type, parent, child, origin, axis, more elements) in words.
+
+    Geometries are separated by semicolons, each with its position after an @.
+    """
+    parts = []
+    for link, geometry in links.items():
+        shapes = "".join(
+            f'<collision><origin xyz="{xyz or "0 0 0"}"/><geometry>{shape}</geometry></collision>'
+            for shape, _, xyz in (line.partition("@") for line in geometry.split(";") if line)
+        )
+        parts.append(f'<link name="{link}">{shapes}</link>')
+    for joint, kind, parent, child, xyz, axis, *more in joints:
+        limit = "" if any("<limit" in each for each in more) else LIMIT
+        parts.append(
+            f'<joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{limit}{"".join(more)}</joint>'
+        )
+    return f'<robot name="{name}">{"".join(parts)}{extra}</robot>'
+
+
 @pytest.fixture(scope="session")
 def arm_from_links():
-    """Builds a robot from (link, geometry) and (joint, type, parent, child, origin, axis) in words."""
-
-    def build(links: dict[str, str], joints: list[tuple[str, str, str, str, str, str]], extra: str = ""):
-        parts, zero = [], "0 0 0"
-        for name, geometry in links.items():
-            shapes = "".join(
-                f'<collision><origin xyz="{xyz or zero}"/><geometry>{shape}</geometry></collision>'
-                for shape, _, xyz in (line.partition("@") for line in geometry.split(";") if line)
-            )
-            parts.append(f'<link name="{name}">{shapes}</link>')
-        for name, kind, parent, child, xyz, axis in joints:
-            parts.append(
-                f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-                f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-                f'<limit lower="-7" upper="7" velocity="1" effort="1"/></joint>'
-            )
-        return load_robot(f'<robot name="built">{"".join(parts)}{extra}</robot>')
-
-    return build
+    """Builds a robot from the arguments of :func:`urdf_of`."""
+    return lambda *words: load_robot(urdf_of(*words))
 
 
 @pytest.fixture(scope="session")

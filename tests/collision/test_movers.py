@@ -267,20 +267,20 @@ def trajectory_of(*names: str) -> pp.Trajectory:
         (lambda: trajectory_of("elbow_joint"), "'elbow_joint' is moved twice"),
         (lambda: trajectory_of("nothing"), "nothing"),
         (lambda: "belt", "not str"),
+        (lambda: [MOVERS["conveyor"], pp.Mover.constant("other", ["part1"], 0.1, 20.0)], "moved by both"),
     ],
 )
 def test_wrong_movers_are_refused(mover, words: str) -> None:
+    def judge(given) -> None:
+        pp.certify(over_the_belt(0.32), checker(), movers=given if isinstance(given, list) else [given])
+
     with pytest.raises(pp.InputError, match=words):
-        pp.certify(over_the_belt(0.32), checker(), movers=[mover()])
+        judge(mover())
 
 
-def test_movers_without_time_or_with_parting_are_refused() -> None:
-    mover, trajectory = MOVERS["conveyor"], over_the_belt(0.32)
+def test_movers_need_time_and_have_tolerances_of_their_own() -> None:
+    trajectory = over_the_belt(0.32)
     path = pp.JointPath(trajectory.q[[0, -1]], ur5().joint_names)
-    with pytest.raises(pp.InputError, match="no timing"):
-        pp.certify(path, checker(), movers=[mover])
-    other = pp.Mover.constant("other", ["part1"], 0.1, 20.0)
-    with pytest.raises(pp.InputError, match="moved by both"):
-        pp.certify(trajectory, checker(), movers=[mover, other])
-    with pytest.raises(pp.InputError, match="obstacle_tolerance"):
-        pp.certify(trajectory, checker(), movers=[mover], obstacle_tolerance=0.01)
+    for curve, settings, words in ((path, {}, "no timing"), (trajectory, {"obstacle_tolerance": 0.01}, "tolerance")):
+        with pytest.raises(pp.InputError, match=words):
+            pp.certify(curve, checker(), movers=[MOVERS["conveyor"]], **settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -173,40 +174,25 @@ def test_scene_files_name_a_map(tmp_path: Path) -> None:
             scene(wrong)
 
 
-def damaged(change: str, content: bytes, data: int) -> bytes:
-    edits = {
-        "half a node": content[: data + 7],
-        "no data": content[:data],
-        "header only": content[: data - 6],
-        "more data": content + b"\0\0\0\0\0\0",
-        "other file": b"PK" + content,
-        "no resolution": content.replace(b"res 0.05\n", b""),
-        "zero resolution": content.replace(b"res 0.05", b"res 0"),
-        "text resolution": content.replace(b"res 0.05", b"res five"),
-        "too deep": content[:data] + b"\xff" * (len(content) - data),
-    }
-    return edits[change]
+DAMAGES = {  # of the content and the place of its first node, and words of the reason
+    "half a node": (lambda content, data: content[: data + 7], "truncated"),
+    "no data": (lambda content, data: content[:data], "its header states"),
+    "header only": (lambda content, data: content[: data - 6], "no line 'data'"),
+    "more data": (lambda content, _: content + b"\0\0\0\0\0\0", "after the last node"),
+    "other file": (lambda content, _: b"PK" + content, "not an OctoMap file"),
+    "no resolution": (lambda content, _: content.replace(b"res 0.05\n", b""), "does not state its res"),
+    "zero resolution": (lambda content, _: content.replace(b"res 0.05", b"res 0"), "not positive"),
+    "text resolution": (lambda content, _: content.replace(b"res 0.05", b"res five"), "header that cannot be read"),
+    "too deep": (lambda content, data: content[:data] + b"\xff" * (len(content) - data), "16 levels"),
+}
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ("half a node", "truncated"),
-        ("no data", "its header states"),
-        ("header only", "no line 'data'"),
-        ("more data", "after the last node"),
-        ("other file", "not an OctoMap file"),
-        ("no resolution", "does not state its res"),
-        ("zero resolution", "not positive"),
-        ("text resolution", "header that cannot be read"),
-        ("too deep", "16 levels"),
-    ],
-)
+@pytest.mark.parametrize(("damage", "reason"), DAMAGES.values(), ids=DAMAGES)
 @pytest.mark.parametrize("suffix", ["bt", "ot"])
-def test_damaged_files_are_refused(tmp_path: Path, change: str, reason: str, suffix: str) -> None:
+def test_damaged_files_are_refused(tmp_path: Path, damage: Callable, reason: str, suffix: str) -> None:
     path = written(tmp_path, f"map.{suffix}", random_tree(8))
     content = path.read_bytes()
-    path.write_bytes(damaged(change, content, content.index(b"data\n") + 5))
+    path.write_bytes(damage(content, content.index(b"data\n") + 5))
     with pytest.raises(FileError, match=reason) as caught:
         pp.OccupancyGrid.from_octomap(path)
     assert caught.value.path == str(path)
@@ -225,16 +211,15 @@ def test_every_truncation_is_refused(tmp_path: Path) -> None:
 
 def test_trees_without_usable_leaves_are_refused(tmp_path: Path) -> None:
     root = random_tree(10)
-    with pytest.raises(FileError, match="header states"):
-        pp.OccupancyGrid.from_octomap(written(tmp_path, "count.bt", root, size=3))
-    with pytest.raises(FileError, match=r"OcTreeStamped.*valid: OcTree"):
-        pp.OccupancyGrid.from_octomap(written(tmp_path, "kind.ot", root, kind="OcTreeStamped"))
-    with pytest.raises(FileError, match="no known leaf"):
-        pp.OccupancyGrid.from_octomap(written(tmp_path, "empty.bt", [None] * 8))
-    with pytest.raises(FileError, match="not a number"):
-        pp.OccupancyGrid.from_octomap(written(tmp_path, "nan.ot", [float("nan"), *[None] * 7]))
-    with pytest.raises(FileError, match="missing"):
-        pp.OccupancyGrid.from_octomap(tmp_path / "missing.bt")
+    for path, words in (
+        (written(tmp_path, "count.bt", root, size=3), "header states"),
+        (written(tmp_path, "kind.ot", root, kind="OcTreeStamped"), r"OcTreeStamped.*valid: OcTree"),
+        (written(tmp_path, "empty.bt", [None] * 8), "no known leaf"),
+        (written(tmp_path, "nan.ot", [float("nan"), *[None] * 7]), "not a number"),
+        (tmp_path / "missing.bt", "missing"),
+    ):
+        with pytest.raises(FileError, match=words):
+            pp.OccupancyGrid.from_octomap(path)
 
 
 def octomap(nodes: bytes, **changes: object) -> dict[str, object]:

@@ -21,6 +21,8 @@ from pinproof.description.meshes import read_mesh, resolved
 from pinproof.description.srdf import DisabledPair, Srdf
 from pinproof.errors import InputError
 
+from .conftest import urdf_of
+
 BAR = '<box size="0.2 0.02 0.02"/>'
 CUBE = '<box size="0.04 0.04 0.04"/>'
 
@@ -385,32 +387,22 @@ def test_links_whose_hulls_overlap_and_whose_meshes_do_not_are_checked_by_their_
     assert finer[frozenset(("l_upper_arm_link", "l_forearm_roll_link"))] == "several hulls"
 
 
-LIMIT = '<limit lower="-1.5" upper="1.5" velocity="1" effort="1"/>'
-
-
-def solid(name: str, size: str) -> str:
-    return f'<link name="{name}"><collision><geometry>{size}</geometry></collision></link>'
-
-
-def revolute(name: str, parent: str, child: str, xyz: str, axis: str) -> str:
-    return (
-        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/>'
-        f'<axis xyz="{axis}"/>{LIMIT}</joint>'
-    )
-
-
-WRIST = (
-    '<robot name="wrist">'
-    + solid("base", '<box size="0.1 0.1 0.1"/>')
-    + solid("fore", '<sphere radius="0.05"/>')
-    + solid("cross", '<sphere radius="0.06"/>')
-    + solid("hand", '<sphere radius="0.05"/>')
-    + '<link name="tip"/>'
-    + revolute("j1", "base", "fore", "0 0 0.4", "0 1 0")
-    + revolute("j2", "fore", "cross", "0 0 0.02", "1 0 0")
-    + revolute("j3", "cross", "hand", "0 0 0.02", "0 0 1")
-    + '<joint name="end" type="fixed"><parent link="hand"/><child link="tip"/><origin xyz="0 0 0.1"/></joint></robot>'
-)
+WRIST = urdf_of(
+    {
+        "base": '<box size="0.1 0.1 0.1"/>',
+        "fore": '<sphere radius="0.05"/>',
+        "cross": '<sphere radius="0.06"/>',
+        "hand": '<sphere radius="0.05"/>',
+        "tip": "",
+    },
+    [
+        ("j1", "revolute", "base", "fore", "0 0 0.4", "0 1 0"),
+        ("j2", "revolute", "fore", "cross", "0 0 0.02", "1 0 0"),
+        ("j3", "revolute", "cross", "hand", "0 0 0.02", "0 0 1"),
+        ("end", "fixed", "hand", "tip", "0 0 0.1", "1 0 0"),
+    ],
+    name="wrist",
+).replace('lower="-7" upper="7"', 'lower="-1.5" upper="1.5"')
 """A wrist whose housings overlap: fore and hand touch in every configuration."""
 
 

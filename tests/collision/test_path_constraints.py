@@ -14,6 +14,7 @@ from pinproof.collision.certificates.path_constraints import PathConstraint
 from pinproof.model import load_robot
 
 from ..examples import examples
+from .conftest import urdf_of
 from .exact_cells import constraint_bound
 
 FREE, COLLIDING, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.VIOLATED
@@ -23,18 +24,14 @@ START = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0])
 
 def _crane() -> pp.Arm:
     """A revolute, a prismatic and a revolute joint, and a prismatic one that follows the first prismatic one."""
-    limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
-    text = '<link name="l0"/>'
     rows = (
-        ("revolute", "0 0 0.3", "0 0 1", ""),
-        ("prismatic", "0.4 0 0", "1 0 0", ""),
-        ("revolute", "0.3 0 0.2", "0 0.6 0.8", ""),
+        ("revolute", "0 0 0.3", "0 0 1"), ("prismatic", "0.4 0 0", "1 0 0"), ("revolute", "0.3 0 0.2", "0 0.6 0.8"),
         ("prismatic", "0.2 0 0", "0 0 1", '<mimic joint="j1" multiplier="-0.5"/>'),
-    )
-    for k, (kind, xyz, axis, extra) in enumerate(rows):
-        text += f'<link name="l{k + 1}"/><joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        text += f'<origin xyz="{xyz}" rpy="0.2 0.1 0"/><axis xyz="{axis}"/>{limit}{extra}</joint>'
-    return load_robot(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
+    )  # fmt: skip
+    joints = [(f"j{k}", kind, f"l{k}", f"l{k + 1}", *rest) for k, (kind, *rest) in enumerate(rows)]
+    text = urdf_of({f"l{k}": "" for k in range(5)}, joints)
+    text = text.replace("<origin ", '<origin rpy="0.2 0.1 0" ').replace('lower="-7" upper="7"', 'lower="-3" upper="3"')
+    return load_robot(text).arm(tcp="l4")
 
 
 ARMS = {name: pp.load_robot(name).arm() for name in ("ur5", "panda", "stanford", "scara")} | {"crane": _crane()}

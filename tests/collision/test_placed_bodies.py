@@ -15,22 +15,20 @@ from pinproof.collision.checking.movers import with_movers
 from pinproof.collision.geometry.bodies import shape_body
 from pinproof.spatial import SE3
 
+from .conftest import urdf_of
 from .test_line_surface import mesh_of
 
 HERE = pp.pose()
 
 
-def gantry(extra: str = "", base: str = "0.4 0.4 0.4") -> pp.Arm:
-    """A ball of 0.1 m on three prismatic joints, and a box as base."""
-    shape = f'<collision><geometry><box size="{base}"/></geometry></collision>' if base else ""
-    text = f'<link name="base">{shape}</link>'
-    for k, name in enumerate("xyz"):
-        ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>' if name == "z" else ""
-        axis = " ".join("1" if i == k else "0" for i in range(3))
-        text += f'<link name="{name}">{ball}</link><joint name="j{name}" type="prismatic"><axis xyz="{axis}"/>'
-        text += f'<parent link="{"base" if k == 0 else "xyz"[k - 1]}"/><child link="{name}"/>'
-        text += '<limit lower="-9" upper="9" velocity="1" effort="1"/></joint>'
-    return pp.load_robot(f'<robot name="gantry">{text}{extra}</robot>').arm(tcp="z")
+def gantry(joints: tuple[tuple[str, ...], ...] = (), base: str = "0.4 0.4 0.4") -> pp.Arm:
+    """A ball of 0.1 m on three prismatic joints, and a box as base, with more joints and links at the base."""
+    links = {"base": f'<box size="{base}"/>' if base else "", "x": "", "y": "", "z": '<sphere radius="0.1"/>'}
+    slides = [("jx", "prismatic", "base", "x", "0 0 0", "1 0 0"), ("jy", "prismatic", "x", "y", "0 0 0", "0 1 0"),
+              ("jz", "prismatic", "y", "z", "0 0 0", "0 0 1")]  # fmt: skip
+    more = [(f"j_{name}", kind, "base", name, "0 0 0", "0 0 1", *rest) for name, kind, *rest in joints]
+    text = urdf_of(links | {name: "" for name, *_ in joints}, [*slides, *more])
+    return pp.load_robot(text.replace('lower="-7" upper="7"', 'lower="-9" upper="9"')).arm(tcp="z")
 
 
 ROOM = pp.Obstacle("room", mesh_of(trimesh.creation.box((1, 1, 1))), pp.pose((3, 0, 0)))
@@ -146,22 +144,14 @@ def test_the_plain_check_with_and_without_a_tree_is_that_of_the_checker() -> Non
 
 
 def test_samples_of_joints_are_within_their_ranges_and_followers_follow() -> None:
-    extra = ""
-    follower = (
-        '<limit lower="-9" upper="9" velocity="1" effort="1"/><mimic joint="j_hinge" multiplier="-2" offset="0.5"/>'
-    )
-    for name, kind, rest in (
-        ("slide", "prismatic", '<limit lower="0.2" upper="0.3" velocity="1" effort="1"/>'),
-        ("hinge", "revolute", '<limit lower="-0.1" upper="0.4" velocity="1" effort="1"/>'),
-        ("wheel", "continuous", '<limit lower="0" upper="0.1" velocity="1" effort="1"/>'),
-        ("free", "continuous", ""),
-        ("after", "revolute", follower),
-    ):
-        extra += (
-            f'<link name="{name}"/><joint name="j_{name}" type="{kind}"><parent link="base"/><child link="{name}"/>'
+    limit = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
+    robot = gantry(
+        (
+            ("slide", "prismatic", limit.format(0.2, 0.3)), ("hinge", "revolute", limit.format(-0.1, 0.4)),
+            ("wheel", "continuous", limit.format(0, 0.1)), ("free", "continuous", "<!--<limit-->"),
+            ("after", "revolute", limit.format(-9, 9), '<mimic joint="j_hinge" multiplier="-2" offset="0.5"/>'),
         )
-        extra += f'<axis xyz="0 0 1"/>{rest}</joint>'
-    robot = gantry(extra).robot
+    ).robot  # fmt: skip
     rng = np.random.default_rng(0)
     q = np.array([_configuration(robot.model, robot.urdf, rng) for _ in range(300)])
 
@@ -229,12 +219,7 @@ def test_overlaps_of_bodies_count_the_samples_in_which_they_touch() -> None:
 
 
 def test_joints_that_are_held_keep_their_values_among_movers() -> None:
-    extra = "".join(
-        f'<link name="{name}"/><joint name="j_{name}" type="revolute"><parent link="base"/><child link="{name}"/>'
-        '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
-        for name in ("first", "last")
-    )
-    arm = gantry(extra).with_held({"j_first": 0.2, "j_last": 0.3})
+    arm = gantry((("first", "revolute"), ("last", "revolute"))).with_held({"j_first": 0.2, "j_last": 0.3})
     checker = pp.CollisionChecker(arm, pp.Scene([ROOM]))
     motion = pp.time_parametrise(pp.JointPath([[0, 0, 2], [0, 0, 2.1]], arm.joint_names), arm.limits)
     belt = pp.Mover.constant("belt", ["room"], 0.1, 10.0)

@@ -11,6 +11,8 @@ import pinproof as pp
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
 from pinproof.errors import InputError
 
+from .conftest import urdf_of
+
 POST = pp.Obstacle("post", pp.Cylinder(radius=0.04, length=0.4), pp.pose((0.55, 0, 0.2)))
 CRATE = pp.Obstacle("crate", pp.Box(0.2, 0.2, 0.2), pp.pose((-0.5, 0.5, 0.1)))
 TABLE = pp.Obstacle("table", pp.Box(1.2, 1.6, 0.04), pp.pose((0.4, 0, -0.045)))
@@ -37,11 +39,8 @@ def proof(checker, motion):
 
 def slider(base: float = 0.1, ball: float = 0.01) -> pp.Arm:
     """A ball that slides along x, far from its base; the sizes (m) of both may be changed."""
-    part = '<link name="{}"><collision><origin xyz="0 {} 0"/><geometry>{}</geometry></collision></link>'
-    links = part.format("root", -9, f'<box size="{base} 1 1"/>') + part.format("ball", 0, f'<sphere radius="{ball}"/>')
-    joint = """<joint name="slide" type="prismatic"><parent link="root"/><child link="ball"/><axis xyz="1 0 0"/>
-        <limit lower="-7" upper="7" velocity="1" effort="1"/></joint>"""
-    return pp.load_robot(f'<robot name="slider">{links}{joint}</robot>').arm(tcp="ball")
+    links = {"root": f'<box size="{base} 1 1"/>@0 -9 0', "ball": f'<sphere radius="{ball}"/>'}
+    return pp.load_robot(urdf_of(links, [("slide", "prismatic", "root", "ball", "0 0 0", "1 0 0")])).arm(tcp="ball")
 
 
 def changed_scene(scene: pp.Scene, near: np.ndarray, rng: np.random.Generator) -> pp.Scene:

@@ -69,7 +69,7 @@ def test_a_transfer_ends_at_full_rotations_that_keep_the_lines_of_the_release_wi
         if down.why:
             continue
         for shift in full_rotations(task.arm, task.cell.home, attempt)[:4]:
-            result, placing = placer.transfer(task.place, replace(attempt, shift=shift), down, SEEDS)
+            result, placing = placer.transfer(task.place, attempt.turned(shift), down, SEEDS)
             if placing is None:
                 continue
             tried += 1

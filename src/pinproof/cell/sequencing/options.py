@@ -41,7 +41,6 @@ from pinproof.picks import (
     release_lines,
     root_from_frame,
     screen,
-    shifted,
     span,
     support_names,
 )
@@ -276,7 +275,7 @@ def _options(
         if not attempt.passed:
             continue
         release = None
-        curves: dict[str, CubicPath | None] = {"approach": attempt.line_in(), "retreat": attempt.line_out()}
+        curves: dict[str, CubicPath | None] = {"approach": attempt.approach, "retreat": attempt.retreat}
         if q is not None and task.place is not None:
             key = member.words, q.tobytes()
             if key not in releases_of:
@@ -371,15 +370,13 @@ def _rotated(arm: Arm, option: PickOption, entrance: Array, exit_: Array) -> Pic
     if not np.any([entrance, exit_]):
         return option
     attempt, release = option.attempt, option.release
-    if not arm.limits.inside(np.array(attempt.span()) + entrance).all():
+    if not arm.limits.inside(np.array(span(attempt.q, attempt.approach, attempt.retreat)) + entrance).all():
         return None
-    attempt = replace(attempt, shift=attempt.shift + entrance)
+    attempt = attempt.turned(entrance)
     if release is None:
         return replace(option, attempt=attempt)
     if not arm.limits.inside(np.array(span(release.q, release.lift, release.leave)) + exit_).all():
         return None
-    release = replace(
-        release, q=release.q + exit_, lift=shifted(release.lift, exit_), leave=shifted(release.leave, exit_)
-    )
+    release = release.turned(exit_)
     transfer = float(least_times(release.entrance - attempt.exit, Bounds.of(arm.limits, arm.joint_names)))
     return replace(option, attempt=attempt, release=release, transfer=transfer)

@@ -189,7 +189,7 @@ def _contacts(
     pick, attempt, release = job.pick, option.attempt, option.release
     blocked: set[str] = set()
     # with an empty hand: the line in, and the line after the release
-    for q in _samples(attempt.line_in(), attempt.q):
+    for q in _samples(attempt.approach, attempt.q):
         blocked |= _touched(open_hand, q)
     if release is not None:
         for q in _samples(release.leave, release.q):
@@ -198,7 +198,7 @@ def _contacts(
         return blocked, set()
     # with the part in the hand, which may touch what supports it at that end
     supports = _supports(carrying, attempt.q, pick.support)
-    lines = [(attempt.line_out(), attempt.q, supports)]
+    lines = [(attempt.retreat, attempt.q, supports)]
     if release is not None:
         below = _supports(carrying, release.q, None if pick.place is None else pick.place.support)
         lines.append((release.lift, release.q, below))

@@ -541,7 +541,7 @@ class _Moment:
         if self.task.place is None:
             return None, StageResult(Stage.PLACE, True, "none requested")
         # The transfer begins where the tool comes to rest with the part
-        there = replace(attempt, retreat=None, candidate=replace(attempt.candidate, q=followed.retreat.end))
+        there = replace(attempt, retreat=None, q=followed.retreat.end)
         result, placing = Placer(self.then, self.seeds[1]).place(there, self.seeds[1:3], Scores())
         if placing is None:
             raise _InterceptRefused(*self.stages, result)

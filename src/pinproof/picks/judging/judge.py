@@ -59,7 +59,7 @@ from pinproof.picks.judging.grasp import (
     score_parts,
     screen,
 )
-from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, transit
+from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, span, transit
 from pinproof.picks.judging.place import Placer, Placing, Scores
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
@@ -214,7 +214,7 @@ class BestFirst:
             here = heapq.heappop(self._open)
             crossing = here.crossing
             if crossing is None:
-                moved = replace(here.attempt, shift=here.shift)
+                moved = here.attempt.turned(here.shift)
                 crossing = transit(self._task, [moved], self._budget.quick_nodes, self._seeds)
             if crossing.attempt is None:
                 self._stop(key, (*here.attempt.stages, crossing.result))
@@ -244,7 +244,7 @@ class BestFirst:
         if not passed or any(stages[-1].stage is not Stage.TRANSIT for stages in self.failed):
             return None
         arm, home = self._task.arm, self._task.cell.home
-        every = [replace(attempt, shift=shift) for attempt in passed for shift in full_rotations(arm, home, attempt)]
+        every = [attempt.turned(shift) for attempt in passed for shift in full_rotations(arm, home, attempt)]
         crossing = transit(self._task, every, self._budget.nodes, self._seeds)
         if crossing.attempt is None:
             self.failed.append((*passed[0].stages, crossing.result))
@@ -261,7 +261,7 @@ class BestFirst:
         if not attempt.passed:
             return
         # A complete motion is at most as good as its lines, at any full rotations within the limits
-        arm, (low, high) = task.arm, attempt.span()
+        arm, (low, high) = task.arm, span(attempt.q, attempt.approach, attempt.retreat)
         shifts = full_rotations(arm, task.cell.home, attempt)
         distance = attempt.entrance + shifts - task.cell.home
         seconds = least_times(distance, arm.limits, full_speed=True) + self._rest(attempt)
@@ -304,7 +304,7 @@ class _Completions(Scores):
         self._scoring, self._arm = scoring, scoring.task.arm
         self._manipulability = attempt.candidate.manipulability
         self._clearance = min(attempt.candidate.clearance, attempt.clearance, crossing.clearance)
-        curves = crossing.path, attempt.line_in(), attempt.line_out()
+        curves = crossing.path, attempt.approach, attempt.retreat
         points = [attempt.q[None], *control_points(self._arm.dof, *curves)]
         self._seconds = sum(at_full_speed(self._arm, each) for each in points)
         self._low, self._high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,13 +25,13 @@ Pairs = tuple[tuple[str, str], ...]
 class Attempt:
     """A configuration at the grasp with its approach and retreat, as far as they are possible.
 
-    Both lines start at the grasp. ``parting`` are the pairs of the object and its supports, ``shift`` (n,) full
-    rotations that are added to all configurations, ``fraction`` the possible part of the line that failed, and
-    ``clearance`` the smallest observed clearance (m) of both lines.
+    ``q`` (n,) is that of the candidate, perhaps with full rotations. Both lines start there. ``parting`` are the pairs
+    of the object and its supports, ``fraction`` is the possible part of the line that failed, and ``clearance`` the
+    smallest observed clearance (m) of both lines.
     """
 
     candidate: GraspCandidate
-    shift: Array
+    q: Array
     stages: tuple[StageResult, ...] = ()
     approach: CubicPath | None = None
     retreat: CubicPath | None = None
@@ -45,31 +45,19 @@ class Attempt:
         return self.stages[-1].ok
 
     @property
-    def q(self) -> Array:
-        """(n,) the configuration at the grasp."""
-        return np.asarray(self.candidate.q + self.shift)
-
-    def line_in(self) -> CubicPath | None:
-        """From the grasp to the start of the approach; None without an approach."""
-        return shifted(self.approach, self.shift)
-
-    def line_out(self) -> CubicPath | None:
-        """From the grasp to the end of the retreat; None without a retreat."""
-        return shifted(self.retreat, self.shift)
-
-    @property
     def entrance(self) -> Array:
         """(n,) the end of the transit: the start of the approach, or the grasp without an approach."""
-        return self.q if self.approach is None else np.asarray(self.approach.end + self.shift)
+        return self.q if self.approach is None else self.approach.end
 
     @property
     def exit(self) -> Array:
         """(n,) the end of the retreat, or the grasp without a retreat."""
-        return self.q if self.retreat is None else np.asarray(self.retreat.end + self.shift)
+        return self.q if self.retreat is None else self.retreat.end
 
-    def span(self) -> tuple[Array, Array]:
-        """Bounds (n,) of every joint on both lines without ``shift``, from the Bezier control points."""
-        return span(self.candidate.q, self.approach, self.retreat)
+    def turned(self, by: Array) -> Attempt:
+        """The same with full rotations (n,) added to all configurations."""
+        approach, retreat = shifted(self.approach, by), shifted(self.retreat, by)
+        return replace(self, q=self.q + by, approach=approach, retreat=retreat)
 
 
 def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
@@ -101,18 +89,16 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
     """The approach and the retreat of a configuration."""
-    # No full rotations yet
-    shift = np.zeros(task.arm.dof)
-    # in a trial for a failed retreat, an approach is only needed if the retreat is possible
+    # In a trial for a failed retreat, an approach is only needed if the retreat is possible
     first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None
     if first is not None and not first[0].result.ok:
-        return Attempt(candidate, shift, (first[0].result,), fraction=first[0].fraction)
+        return Attempt(candidate, candidate.q, (first[0].result,), fraction=first[0].fraction)
     into = line_in(task, candidate)
     if not into.result.ok:
-        return Attempt(candidate, shift, (into.result,), fraction=into.fraction)
+        return Attempt(candidate, candidate.q, (into.result,), fraction=into.fraction)
     out, parting = first or line_out(task, candidate)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
-    return Attempt(candidate, shift, stages, into.path, out.path, parting, out.fraction, clearance)
+    return Attempt(candidate, candidate.q, stages, into.path, out.path, parting, out.fraction, clearance)
 
 
 def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
@@ -230,5 +216,6 @@ def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:
     """(k, n) full rotations (rad) that can be added to an attempt within the limits; zero is the first."""
     entrances, _ = with_turns(arm, home, attempt.entrance[None])
     shifts = entrances - attempt.entrance
-    inside = arm.limits.inside(np.array(attempt.span())[:, None] + shifts).all(axis=0)
+    bounds = np.array(span(attempt.q, attempt.approach, attempt.retreat))
+    inside = arm.limits.inside(bounds[:, None] + shifts).all(axis=0)
     return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -79,6 +79,10 @@ class Release:
         """(n,) the end of the transfer."""
         return self.q if self.lift is None else self.lift.end
 
+    def turned(self, by: Array) -> Release:
+        """The same with full rotations (n,) added to all configurations."""
+        return replace(self, q=self.q + by, lift=shifted(self.lift, by), leave=shifted(self.leave, by))
+
 
 class _Ahead(NamedTuple):
     """What follows the retreat of a family member, at its m releases."""
@@ -247,16 +251,14 @@ class Placer:
         else:
             path, clearance = shortened(plan, carrying, seeds[1], torques)
         # The lines follow at the full rotations at which the transfer ends
-        by = shifts[plan.goal]
+        turned = down.turned(shifts[plan.goal])
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""
         message = f"transfer of {path.length:.2f} rad{upright}, {place.approach * 1e3:.0f} mm approach{support}, "
         figures = {"length": path.length, "clearance": min(down.proven, plan.certificate.clearance)}
         return (
             StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
-            Placing(
-                path, shifted(down.lift, by), shifted(down.leave, by), down.parting, min(down.clearance, clearance)
-            ),
+            Placing(path, turned.lift, turned.leave, down.parting, min(down.clearance, clearance)),
         )
 
 

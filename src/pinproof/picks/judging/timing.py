@@ -427,11 +427,10 @@ def motion_parts(
     If ``separate``, the transit, the approach and the retreat of a pick without an object are three parts, with rests
     between them, instead of one.
     """
-    line_in, line_out = attempt.line_in(), attempt.line_out()
     curves: dict[str, Curves] = {
         "transit": (path,),
-        "approach": () if line_in is None else (line_in.reversed(),),
-        "retreat": () if line_out is None else (line_out,),
+        "approach": () if attempt.approach is None else (attempt.approach.reversed(),),
+        "retreat": () if attempt.retreat is None else (attempt.retreat,),
     }
     if task.name is None and not separate:  # without an object one proof covers the complete motion
         lines = tuple(stage for stage, own in curves.items() for _ in own)

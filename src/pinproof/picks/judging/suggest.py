@@ -472,8 +472,9 @@ def _poses_of(
     """
     changed = [task if change.displacement else PickTask(change.pick, task.cell) for change in candidates]
     owner = np.repeat(np.arange(len(candidates)), [len(other.nearest_group) for other in changed])
-    moves = [change.displacement[which == "release"] if change.displacement else np.zeros(3) for change in candidates]
-    by = np.array([task.arm.root_from_base.rotation.T @ move for move in moves]).reshape(-1, 3)[owner]
+    rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
+    moves = [change.displacement[which == "release"] if change.displacement else still for change in candidates]
+    by = np.array([rotation @ move for move in moves]).reshape(-1, 3)[owner]
 
     def targets(share: float) -> Array:
         stated: dict[PickTask, Array] = {}

@@ -1,8 +1,9 @@
-"""Programs of judged picks: events at the right times, continuous segments, and certification in the cell again."""
+"""Programs of judged picks: events at the right times, files, robot programs, and certification in the cell again."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -12,36 +13,47 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision.certificates.certificate import curve_hash
-from pinproof.description import robots_folder
-from pinproof.errors import InputError
-from pinproof.motion import MotionProgram
-from pinproof.picks import REPORT_SUFFIXES, write_motion_pages
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import Blend, JointMove, MotionProgram, RobotProgram, SetOutput, Wait
+from pinproof.picks import REPORT_SUFFIXES, PickReport, certify_picks_program, export_picks, write_motion_pages
+
+from .conftest import cell_of
+
+FREE, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.VIOLATED
 
 
 @pytest.fixture(scope="module")
-def carried() -> tuple[pp.picks.PickReport, pp.Picks]:
-    """The first picks with an object and a place of the UR5 example."""
-    file = robots_folder() / "ur5" / "carry.yaml"
-    picks = pp.read_picks(file)
-    picks = replace(picks, picks=tuple(each for each in picks.picks if each.place is not None)[:1])
-    arm = pp.load_robot("ur5").arm(picks.tcp, held=picks.held)
-    report = pp.validate_picks(arm, pp.Scene.load(picks.scene), picks)
+def carried() -> tuple[PickReport, pp.Picks]:
+    """A pick with an object and a place."""
+    cell = cell_of("ur5", "carry.yaml", "over_the_wall")
+    report = pp.validate_picks(*cell)
     assert report.ok, report.summary
-    return report, picks
+    return report, cell[2]
 
 
 @pytest.fixture(scope="module")
-def empty() -> tuple[pp.picks.PickReport, pp.Picks]:
-    """The first pick of the UR5 example, which states no object."""
-    file = robots_folder() / "ur5" / "picks.yaml"
-    picks = replace(pp.read_picks(file), picks=pp.read_picks(file).picks[:1])
-    report = pp.validate_picks(pp.load_robot("ur5").arm(), pp.Scene.load(picks.scene), picks)
+def empty() -> tuple[PickReport, pp.Picks]:
+    """A pick that states no object."""
+    cell = cell_of("ur5", "picks.yaml", "bolt_1")
+    report = pp.validate_picks(*cell)
     assert report.ok, report.summary
-    return report, picks
+    return report, cell[2]
 
 
-def test_segments_and_events_share_one_continuous_clock(carried) -> None:
-    verdict = carried[0].good[0]
+@pytest.fixture(scope="module")
+def report(carried) -> PickReport:
+    return carried[0]
+
+
+@pytest.fixture(scope="module")
+def verdict(report) -> pp.picks.PickVerdict:
+    return report.good[0]
+
+
+# -- motion programs --------------------------------------------------------------------------------------------------
+
+
+def test_segments_and_events_share_one_continuous_clock(carried, verdict) -> None:
     program = verdict.program(grip_dwell=0.4, release_dwell=0.2)
     assert [segment.name for segment in program.segments] == [motion.name for motion in verdict.motions]
     rest = {event.time: event.dwell for event in program.events}
@@ -50,19 +62,15 @@ def test_segments_and_events_share_one_continuous_clock(carried) -> None:
         np.testing.assert_array_equal(one.trajectory.end, other.trajectory.start)
     assert program.duration == pytest.approx(verdict.trajectory.duration + 0.6, abs=1e-9)
     assert verdict.program().duration == pytest.approx(verdict.trajectory.duration, abs=1e-9)
-
-
-def test_events_are_at_the_grasp_and_at_the_release(carried) -> None:
-    report, picks = carried
-    verdict, arm = report.good[0], report.setup.checker.arm
-    grip, release = verdict.program(grip_dwell=0.4).events
+    # The events are at the grasp and at the release
+    arm, program = carried[0].setup.checker.arm, verdict.program(grip_dwell=0.4)
+    grip, release = program.events
     assert (grip.kind, grip.time, grip.dwell) == ("grip", verdict.grasp_time, 0.4)
     assert (release.kind, release.dwell) == ("release", 0.0)
     assert release.time == pytest.approx(verdict.release_time + 0.4, abs=1e-9)
     assert grip.object == release.object == verdict.motions[2].attached[-1].name
-    program = verdict.program(grip_dwell=0.4)
     np.testing.assert_array_equal(program(grip.time), verdict.q_grasp)
-    tip = arm.root_from_base * arm.forward_kinematics(program(grip.time + 0.2)) * picks.tip
+    tip = arm.root_from_base * arm.forward_kinematics(program(grip.time + 0.2)) * carried[1].tip
     assert np.linalg.norm(tip.translation - verdict.pick.pose.translation) < 1e-5
 
 
@@ -70,39 +78,26 @@ def test_pick_without_object_is_split_at_the_grasp_under_one_certificate(empty) 
     verdict = empty[0].good[0]
     program = verdict.program(grip_dwell=0.5)
     assert [event.kind for event in program.events] == ["grip"]
-    assert len(program.segments) == 2
-    assert len(program.certificates) == 1
+    assert (len(program.segments), len(program.certificates)) == (2, 1)
     assert program.segments[0].end == verdict.grasp_time
     (whole,) = program.motions.values()
     assert curve_hash(whole) == verdict.motions[0].certificate.curve == next(iter(program.certificates.values())).curve
 
 
-def test_saved_programs_name_their_certificates_and_are_read_back(carried, tmp_path: Path) -> None:
-    report = carried[0]
-    (path,) = report.save_programs(tmp_path, release_dwell=0.1)
-    program = MotionProgram.load(path)
-    (made,) = report.programs(release_dwell=0.1)
-    assert program.to_json() == made.to_json()
-    assert (program.robot, program.tcp) == ("ur5", "tool0")
-    curves = [motion.certificate.curve for motion in report.good[0].motions]
-    assert [program.certificates[segment.certificate].curve for segment in program.segments] == curves
-
-
-def test_a_folder_has_all_reports_and_the_motion_and_program_of_each_good_pick(carried, tmp_path: Path) -> None:
-    report = carried[0]
+@pytest.mark.slow
+def test_a_folder_has_all_reports_and_the_motion_and_program_of_each_good_pick(report, verdict, tmp_path) -> None:
     (stem,) = report.save_folder(tmp_path, grip_dwell=0.2)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        *(f"report{kind}" for kind in REPORT_SUFFIXES),
-        f"{stem}.json",
-        f"{stem}.program.json",
-    }
-    assert (
-        MotionProgram.load(tmp_path / f"{stem}.program.json").to_json() == report.programs(grip_dwell=0.2)[0].to_json()
-    )
-    pages = write_motion_pages(report.good[0], report.setup.checker.arm, tmp_path / "motion.html")
-    assert [page.stem for page in pages] == [
-        f"motion_{number}_{motion.name}" for number, motion in enumerate(report.good[0].motions, start=1)
-    ]
+    motions = {f"{stem}.json", f"{stem}.program.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {f"report{kind}" for kind in REPORT_SUFFIXES} | motions
+    program = MotionProgram.load(tmp_path / f"{stem}.program.json")
+    assert program.to_json() == report.programs(grip_dwell=0.2)[0].to_json()
+    # It names its certificates
+    assert (program.robot, program.tcp) == ("ur5", "tool0")
+    curves = [motion.certificate.curve for motion in verdict.motions]
+    assert [program.certificates[segment.certificate].curve for segment in program.segments] == curves
+    pages = write_motion_pages(verdict, report.setup.checker.arm, tmp_path / "motion.html")
+    names = [f"motion_{number}_{motion.name}" for number, motion in enumerate(verdict.motions, start=1)]
+    assert [page.stem for page in pages] == names
     assert all(page.is_file() for page in pages)
 
 
@@ -111,14 +106,13 @@ def test_program_is_certified_again_in_its_cell(cell, request) -> None:
     report, picks = request.getfixturevalue(cell)
     verdict = report.good[0]
     proofs = report.setup.recertify(verdict.program(grip_dwell=0.3), picks.picks[0])
-    assert [proof.status for proof in proofs] == [pp.CertificateStatus.FREE] * len(verdict.motions)
+    assert [proof.status for proof in proofs] == [FREE] * len(verdict.motions)
     for proof, motion in zip(proofs, verdict.motions, strict=True):
         assert (proof.curve, proof.setup) == (motion.certificate.curve, motion.certificate.setup)
         assert proof.clearance == pytest.approx(motion.certificate.clearance, abs=1e-6)
 
 
-def test_changed_number_is_noticed_by_certifying_again(carried, tmp_path: Path) -> None:
-    report, picks = carried
+def test_changed_number_is_noticed_by_certifying_again(report, verdict, tmp_path: Path) -> None:
     (path,) = report.save_programs(tmp_path)
     data = json.loads(path.read_text())
     points = data["segments"][0]["points"]
@@ -126,20 +120,185 @@ def test_changed_number_is_noticed_by_certifying_again(carried, tmp_path: Path) 
     path.write_text(json.dumps(data))
     program = MotionProgram.load(path, allow_changes=True)
     assert program.changed == (program.segments[0].name,)
-    proofs = report.setup.recertify(program, picks.picks[0])
-    assert not proofs[0].free
-    assert all(proof.free for proof in proofs[1:])
+    first, *others = report.setup.recertify(program, verdict.pick)
+    assert not first.free
+    assert all(proof.free for proof in others)
 
 
-def test_program_that_puts_the_part_down_is_refused_for_a_pick_without_a_place(carried) -> None:
-    report, picks = carried  # without a place, the part would be where it was grasped while the hand leaves
-    with pytest.raises(InputError, match=r"'transfer', which does not exist in a pick without a place"):
-        report.setup.recertify(report.good[0].program(), replace(picks.picks[0], place=None))
+def test_programs_that_do_not_fit_are_refused(report, verdict, empty) -> None:
+    program, both = report.programs()[0], [(verdict.pick, report.programs()[0])] * 2
+    for refused, named in (
+        # Without a place, the part would be where it was grasped while the hand leaves
+        (
+            lambda: report.setup.recertify(program, replace(verdict.pick, place=None)),
+            "'transfer', which does not",
+        ),
+        (lambda: report.setup.recertify(empty[0].good[0].program(), verdict.pick), r"'pick'"),
+        (replace(verdict, trajectory=None, status=pp.picks.PickStatus.NOT_FOUND).program, r"no motion"),
+        (lambda: export_picks(report.setup, both, "urscript", output="0"), "does not start where"),
+    ):
+        with pytest.raises(InputError, match=named):
+            refused()
 
 
-def test_program_of_another_pick_is_refused(carried, empty) -> None:
-    report, picks = carried
-    with pytest.raises(InputError, match=r"'pick'"):
-        report.setup.recertify(empty[0].good[0].program(), picks.picks[0])
-    with pytest.raises(InputError, match=r"no motion"):
-        replace(report.good[0], trajectory=None, status=pp.picks.PickStatus.NOT_FOUND).program()
+# -- robot programs ---------------------------------------------------------------------------------------------------
+
+OUTPUTS = {"urscript": "0", "rapid": "grip", "krl": "3", "fanuc": "3"}
+
+
+def exported(report: PickReport, dialect: str, *, grip: float = 0.5, **settings: float):
+    """The pick as a robot program."""
+    (program,) = report.programs(grip_dwell=grip, release_dwell=0.25)
+    pick = report.good[0].pick
+    return export_picks(report.setup, [(pick, program)], dialect, output=OUTPUTS[dialect], **settings)
+
+
+@pytest.fixture(scope="module", params=OUTPUTS)
+def made(report, request):
+    return exported(report, request.param)
+
+
+@pytest.fixture(scope="module")
+def text(report) -> RobotProgram:
+    return exported(report, "urscript").program
+
+
+@pytest.fixture(scope="module")
+def certified(report, verdict) -> Callable[..., list]:
+    """The certificates of a changed program for a changed pick."""
+
+    def certify(program: RobotProgram, *steps, pick: pp.Pick | None = None):
+        program = replace(program, steps=steps) if steps else program
+        ((*proofs,),) = certify_picks_program(report.setup, [pick or verdict.pick], program)[0]
+        return proofs
+
+    return certify
+
+
+def test_a_carried_part_is_gripped_at_the_grasp_and_released_at_the_place(report, verdict, made) -> None:
+    assert made.free
+    steps = made.program.steps
+    switched = [(k, step.on) for k, step in enumerate(steps) if isinstance(step, SetOutput)]
+    assert [on for _, on in switched] == [True, False]
+    assert [step.seconds for step in steps if isinstance(step, Wait)] == [0.5, 0.25]
+    ends = [motion.trajectory.end for motion in verdict.motions if motion.name in ("approach", "place")]
+    for (k, _), q in zip(switched, ends, strict=True):
+        assert np.abs(steps[k - 1].q - q).max() < 1e-5
+    assert all(step.blend is None for step in steps if isinstance(step, JointMove))
+    # The text alone is certified with the picks, and is undecided without them
+    read = RobotProgram.parse(made.program.text, dialect=made.program.dialect)
+    certificates, notes = certify_picks_program(report.setup, [verdict.pick], read)
+    assert [[proof.status for proof in row] for row in certificates] == [[FREE] * len(verdict.motions)]
+    assert (len(notes), read.deviation) == (1, 0.002)
+    alone = pp.collision.certify_program(made.program, report.setup.checker)
+    assert (alone.free, len(alone.outputs)) == (False, 2)
+
+
+def test_moves_between_stops_take_as_long_as_the_limits_require(report, text) -> None:
+    arm = report.setup.checker.arm
+    for before, after in pairwise(text.moves):
+        needed = pp.time_parametrise(pp.JointPath([before.q, after.q], arm.joint_names), arm.limits).duration
+        # The text rounds joints to 1e-6 rad; a time grows at most in proportion to the relative change of a distance.
+        rounding = 1e-6 / np.abs(after.q - before.q).max()
+        assert after.duration >= needed * (1.0 - rounding) - 2e-6
+
+
+def test_a_deviation_of_the_controller_is_covered_where_the_part_is_on_no_support(report, verdict) -> None:
+    exact, wide, far = (exported(report, "urscript", deviation=deviation) for deviation in (0.0, 0.0005, 0.2))
+    assert wide.free
+    assert (exact.program.deviation, wide.program.deviation, exact.notes) == (0.0, 0.0005, ())
+    (note,) = wide.notes
+    for motion, narrow, tube in zip(verdict.motions, exact.certificates[0], wide.certificates[0], strict=True):
+        assert (motion.name in note) == bool(tube.partings)
+        if tube.partings:
+            assert not tube.tube.joints.any()
+        else:
+            assert np.all(np.asarray(tube.tube.joints) >= 0.0005)
+            assert tube.clearance <= narrow.clearance
+    assert "not covered: over_the_wall" in wide.program.text
+    assert "not covered" not in exact.program.text
+    assert RobotProgram.parse(wide.program.text, dialect="urscript").certificate == wide.program.certificate != ""
+    assert any(tube.partings for tube in wide.certificates[0])
+    assert (far.free, far.program.certificate) == (False, "")
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, 0.5), (0.0, 0.003, 0.0), *(0.001 * np.eye(3)).tolist()])
+def test_a_program_for_a_part_that_is_elsewhere_or_turned_is_not_free(verdict, text, certified, shift) -> None:
+    turned = pp.pose(rpy=shift) if max(shift) == 0.001 else None
+    there = verdict.pick.pose * turned if turned else pp.pose(shift) * verdict.pick.pose
+    _, approach, *_ = certified(text, pick=replace(verdict.pick, pose=there))
+    assert approach.status is VIOLATED
+    assert "from the grasp of the pick" in approach.message
+
+
+def test_a_program_that_grasps_beside_the_part_is_not_free(report, verdict) -> None:
+    """The pose of the pick is reached, but the part is not there: the grip stage decides."""
+    arm, scene, picks = cell_of("ur5", "carry.yaml")
+    part = scene[verdict.pick.object_name]
+    aside = scene.remove(part.name).add(replace(part, pose=pp.pose((0.02, 0.02, 0.0)) * part.pose))
+    setup = pp.picks.PickSetup.make(arm, aside, picks, home=None, rng=0)
+    proofs = setup.recertify(report.programs()[0], verdict.pick)
+    approach = proofs[[motion.name for motion in verdict.motions].index("approach")]
+    assert approach.status is VIOLATED
+    assert np.isnan(approach.clearance)
+
+
+def test_the_parts_of_earlier_picks_are_not_covered(report, verdict, text) -> None:
+    """Where the part was put down is no obstacle for the second pick, which a note states."""
+    (pick,) = text.picks
+    (first, count), *rest = pick.motions
+    again = replace(pick, motions=((first, count + 1), *rest))
+    both = replace(text, steps=(*text.steps, *text.steps), picks=(pick, again))
+    certificates, notes = certify_picks_program(report.setup, [verdict.pick], both)
+    single = certify_picks_program(report.setup, [verdict.pick], text)[1]
+    assert [len(row) for row in certificates] == [len(pick.motions)] * 2
+    assert len(notes) == 2 * len(single) + 1
+    assert "where they were picked" in notes[-1]
+
+
+def test_a_gripper_that_does_not_switch_or_elsewhere_or_the_wrong_way_is_not_free(text, certified) -> None:
+    """The outputs of the text count, not the names of the motions: later, earlier, exchanged."""
+    switched = [k for k, step in enumerate(text.steps) if isinstance(step, SetOutput)]
+    without = [step for step in text.steps if not isinstance(step, SetOutput | Wait)]
+    assert certified(text, *without)[0].status is VIOLATED
+    edits = []
+    for wrong in (*([k] for k in switched), switched):
+        edits.append([replace(s, on=not s.on) if i in wrong else s for i, s in enumerate(text.steps)])
+    (pick,) = text.picks
+    ends = np.cumsum([count for _, count in pick.motions])
+    assert len(pick.motions) == 6
+    for grip, release in ((0, 4), (2, 4), (1, 3), (1, 5), (0, 5), (3, 4)):
+        steps = list(without)
+        for at, on in ((release, False), (grip, True)):
+            steps.insert(1 + int(ends[at]), replace(text.steps[switched[0]], on=on))
+        edits.append(steps)
+    for steps in edits:
+        assert not all(proof.free for proof in certified(text, *steps))
+
+
+def test_robot_programs_that_do_not_fit_are_refused(report, text, certified) -> None:
+    steps = text.steps
+    last = max(k for k, step in enumerate(steps) if isinstance(step, SetOutput))
+    at = next(k for k, step in enumerate(steps) if isinstance(step, JointMove)) + 1
+    blended = replace(steps[at], blend=Blend(0.01))
+    for changed, named in (
+        ({"steps": (*steps[:last], replace(steps[last], output="do_9"), *steps[last + 1 :])}, "do_9"),
+        ({"steps": (replace(steps[0], duration=0.5), *steps[1:])}, "first point"),
+        ({"steps": (*steps[:at], blended, *steps[at + 1 :])}, "stop"),
+        ({"steps": steps[:-1]}, r"moves|continues"),
+        ({"steps": (*steps, steps[-1])}, r"moves|continues"),
+        ({"joint_names": text.joint_names[::-1]}, "joints"),
+        ({"picks": ()}, "states no picks"),
+    ):
+        with pytest.raises(InputError, match=named):
+            certified(replace(text, **changed))
+    with pytest.raises(UnknownNameError, match="over_the_wall"):
+        certify_picks_program(report.setup, [], text)
+
+
+def test_a_move_that_is_too_fast_is_not_free(made, certified) -> None:
+    text = made.program
+    at = next(k for k, step in enumerate(text.steps) if isinstance(step, JointMove)) + 1
+    if text.dialect != "krl":  # which states no durations
+        proofs = certified(text, *text.steps[:at], replace(text.steps[at], duration=1e-3), *text.steps[at + 1 :])
+        assert {proof.status for proof in proofs} == {VIOLATED}

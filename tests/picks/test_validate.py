@@ -1,10 +1,9 @@
-"""Lists of picks: invalid homes, workers, the limits of good verdicts, and more."""
+"""Lists of picks: invalid homes, workers, the limits of good verdicts, random streams, and more."""
 
 from __future__ import annotations
 
-import multiprocessing
 import pickle
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -13,10 +12,11 @@ import pinproof as pp
 from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot
-from pinproof.picks import Stage, SuctionCup
-from pinproof.picks.input.picks import PickProblem
-from pinproof.picks.judging.configurations import turned_inside
+from pinproof.picks import PickBudget, PickSetup, Stage, SuctionCup
+from pinproof.picks.input.picks import NamedFrame, PickProblem
 from pinproof.picks.report.report import COLUMNS
+
+from .conftest import judge_in
 
 
 def part(arm: pp.Arm, angle: float = 0.5, name: str = "part") -> pp.Pick:
@@ -29,10 +29,8 @@ def arm(arms) -> pp.Arm:
     return arms["generic_6dof"]
 
 
-@pytest.mark.slow
 def test_workers_change_nothing(arms, cells, reports) -> None:
-    # spawn: a forked child of a process that has used OpenMP hangs.
-    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+    with ThreadPoolExecutor(2) as executor:  # to which the work is sent pickled, as to processes
         for name in ("generic_6dof", "ur5"):
             report = pp.validate_picks(arms[name], *cells[name], executor=executor)
             assert report.to_dict() == reports[name].to_dict()
@@ -51,41 +49,30 @@ def test_a_report_survives_pickling(reports) -> None:
 
 def test_a_plain_list_of_picks_is_accepted_and_anything_else_is_named(arm) -> None:
     budget = pp.picks.PickBudget(remedies=0)
-    report = pp.validate_picks(arm, pp.Scene(), [part(arm)], budget=budget)
-    assert [verdict.pick.name for verdict in report.verdicts] == ["part"]
-    assert (
-        report.verdicts[0].status
-        == pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), budget=budget).verdicts[0].status
-    )
+    plain, picks = (pp.validate_picks(arm, pp.Scene(), p, budget=budget) for p in ([part(arm)], pp.Picks((part(arm),))))
+    assert [verdict.pick.name for verdict in plain.verdicts] == ["part"]
+    assert plain.verdicts[0].status == picks.verdicts[0].status
     with pytest.raises(InputError, match=r"picks\[1\] must be of type Pick"):
         pp.validate_picks(arm, pp.Scene(), [part(arm), "part"])
 
 
-def test_a_home_in_contact_is_refused_with_what_it_touches(arm) -> None:
+def test_a_home_in_contact_or_outside_the_limits_is_refused_with_the_reason(arm) -> None:
     at = arm.forward_kinematics(arm.home).translation
     scene = pp.Scene([pp.Obstacle("rock", pp.Sphere(0.05), pp.pose(at))])
     with pytest.raises(InputError, match=r"home .* link_6 penetrates rock") as caught:
         pp.validate_picks(arm, scene, pp.Picks((part(arm),)))
     assert str(caught.value).count("link_6") == 1  # it has several bodies; the deepest contact says it
 
-
-def test_a_home_nearer_than_the_margin_is_refused(arm) -> None:
-    clearance = pp.CollisionChecker(arm).clearance(arm.home)
-    picks = pp.Picks((part(arm),), margin=clearance + 1e-3)
-    with pytest.raises(InputError, match=r"home .* is [\d.]+ mm from "):
-        pp.validate_picks(arm, pp.Scene(), picks)
-
-
-def test_a_home_outside_the_limits_is_refused_with_the_joint(arm) -> None:
-    home = arm.home + np.eye(6)[5] * 7.0
-    with pytest.raises(InputError, match="joint_6 = 7 is outside"):
-        pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), home=home)
-
-
-@pytest.mark.parametrize("home", [[0.0] * 5, [np.nan] * 6, "home"])
-def test_an_invalid_home_is_refused(arm, home) -> None:
-    with pytest.raises(InputError, match="home"):
-        pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), home=home)
+    margin = pp.CollisionChecker(arm).clearance(arm.home) + 1e-3
+    for home, settings, named in (
+        (None, {"margin": margin}, r"home .* is [\d.]+ mm from "),
+        (arm.home + np.eye(6)[5] * 7.0, {}, "joint_6 = 7 is outside"),
+        ([0.0] * 5, {}, "home"),
+        ([np.nan] * 6, {}, "home"),
+        ("home", {}, "home"),
+    ):
+        with pytest.raises(InputError, match=named):
+            judge_in(arm, pp.Scene(), part(arm), home=home, **settings)
 
 
 def test_home_is_the_argument_then_the_list_then_the_arm(arm) -> None:
@@ -94,8 +81,12 @@ def test_home_is_the_argument_then_the_list_then_the_arm(arm) -> None:
     for given, start in ((None, arm.home + 0.1), (arm.home + 0.2, arm.home + 0.2)):
         (verdict,) = pp.validate_picks(arm, pp.Scene(), picks, home=given).verdicts
         np.testing.assert_allclose(verdict.trajectory.start, start, atol=1e-15)
-    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).verdicts
-    np.testing.assert_array_equal(verdict.trajectory.start, arm.home)
+    report = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)))
+    np.testing.assert_array_equal(report.verdicts[0].trajectory.start, arm.home)
+    # A report is ok if all picks are good and there is one
+    assert report.ok
+    empty = pp.validate_picks(arm, pp.Scene(), pp.Picks(()))
+    assert (empty.ok, empty.summary) == (False, "0 of 0 picks good")
 
 
 def test_an_unreadable_row_makes_the_report_a_no(arm) -> None:
@@ -110,19 +101,15 @@ def test_an_unreadable_row_makes_the_report_a_no(arm) -> None:
     assert report.to_dict()["problems"] == [{"row": 2, "name": problem.name, "reason": problem.reason}]
 
 
-def test_a_report_is_ok_if_all_picks_are_good_and_there_is_one(arm) -> None:
-    assert pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).ok
-    empty = pp.validate_picks(arm, pp.Scene(), pp.Picks(()))
-    assert not empty.ok
-    assert empty.summary == "0 of 0 picks good"
-
-
 def test_a_joint_without_velocity_is_refused_before_the_work(arm) -> None:
     velocity = arm.limits.velocity.copy()
     velocity[2] = np.nan
     untimed = arm.with_limits(pp.JointLimits(arm.limits.lower, arm.limits.upper, velocity))
     with pytest.raises(InputError, match="joint_3 has no velocity"):
         pp.validate_picks(untimed, pp.Scene(), pp.Picks((part(arm),)))
+
+
+# -- what a good verdict does not cover -------------------------------------------------------------------------------
 
 
 def notes_of(arm: pp.Arm, *obstacles: pp.Obstacle) -> str:
@@ -146,33 +133,20 @@ BALL = "<{0}><geometry><sphere radius='0.1'/></geometry></{0}>"
 
 def test_links_that_are_drawn_but_touch_nothing_are_named() -> None:
     drawn, solid = BALL.format("visual"), BALL.format("visual") + BALL.format("collision")
-    ghost = load_robot(GHOST.format(solid, drawn)).arm(tcp="b")
+    ghost, bodiless, complete = (
+        load_robot(GHOST.format(*each)).arm(tcp="b") for each in ((solid, drawn), (drawn, drawn), (solid, solid))
+    )
     assert "no collision geometry: b" in notes_of(ghost)
-    bodiless = load_robot(GHOST.format(drawn, drawn)).arm(tcp="b")
     assert "the robot has no collision geometry" in notes_of(bodiless)
-    complete = load_robot(GHOST.format(solid, solid)).arm(tcp="b")
     assert "collision geometry" not in notes_of(complete)
-
-
-def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
-    drawn = BALL.format("visual")
-    arm = load_robot(GHOST.format(drawn, drawn)).arm(tcp="b")
+    # A robot that can touch nothing still makes valid JSON
     pick = pp.Pick("turn", pp.pose(rpy=(0, 0, 0.5)), approach=0, retreat=0)
     stone = pp.Obstacle("stone", pp.Sphere(0.1))
-    report = pp.validate_picks(arm, pp.Scene([stone]), pp.Picks((pick,)))
+    report = pp.validate_picks(bodiless, pp.Scene([stone]), pp.Picks((pick,)))
     assert report.verdicts[0].ok
     data = report.to_dict()["picks"][0]
     assert (data["clearance_proven"], data["pairs_proven"]) == (None, 0)
     assert "unbounded (no pair is checked)" in report.to_markdown()
-
-
-def test_a_solution_shifted_by_2_pi_is_not_outside_the_limits() -> None:
-    # Full rotations bring a joint inside its limits if possible; otherwise the value is not changed.
-    arm = pp.load_robot("generic_6dof").arm()
-    q = arm.home + 2 * np.pi * np.array([1, 0, 0, 0, -1, 0])
-    np.testing.assert_allclose(turned_inside(arm, q), arm.home, atol=1e-12)
-    outside = arm.home + np.eye(6)[0] * 3.0  # 3.0 is outside +-2.967, and so is 3.0 - 2 pi
-    np.testing.assert_array_equal(turned_inside(arm, outside), outside)
 
 
 def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, monkeypatch) -> None:
@@ -243,3 +217,44 @@ def test_what_limits_of_torque_leave_out_is_noted() -> None:
         notes = pp.validate_picks(arm, pp.Scene(), pp.Picks((), torque_limits=limited)).notes
         assert any("joint friction" in note for note in notes) == limited
         assert ("no mass of the links moved by first" in notes) == limited
+
+
+# -- set-ups ----------------------------------------------------------------------------------------------------------
+
+
+def setup(rng: object, *, optimise: int | None = None, budget: PickBudget | None = None) -> PickSetup:
+    arm = pp.load_robot("ur5").arm()
+    picks = pp.Picks((pp.Pick("p", pp.pose((0.4, 0.0, 0.4))),), optimise=optimise)
+    return PickSetup.make(arm, pp.Scene(), picks, home=None, rng=rng, budget=budget)
+
+
+@pytest.mark.parametrize("size", [4, 8])
+def test_each_pick_has_its_own_stream_which_is_a_child_of_the_seed(size: int) -> None:
+    """Children that the seed had before are not used again."""
+    for before in (0, 3):
+        seed, same = (np.random.SeedSequence(7, spawn_key=(2,), pool_size=size) for _ in range(2))
+        seed.spawn(before)
+        made = setup(seed)
+        children = same.spawn(before + 4)[before:]
+        for index, child in enumerate(children):
+            expected = np.random.default_rng(child).integers(2**32, size=4)
+            assert (made.rng(index).integers(2**32, size=4) == expected).all()
+
+
+def test_the_budget_is_the_given_one_else_that_of_the_picks() -> None:
+    assert setup(0).budget == PickBudget()
+    assert setup(0, optimise=17).budget == PickBudget(motion=17)
+    assert setup(0, optimise=17, budget=PickBudget(motion=3)).budget == PickBudget(motion=3)
+
+
+def test_poses_of_picks_places_and_frames_are_copied_and_read_only() -> None:
+    given = pp.pose((0.4, 0.0, 0.2))
+    place = pp.picks.PlaceTarget(given)
+    pick = pp.Pick("one", given, carried=pp.Obstacle("part", pp.Sphere(0.02)), place=place)
+    picks = pp.Picks((pick,), tip=given)
+    held = (pick.pose, place.pose, picks.tip, NamedFrame(given).pose, pickle.loads(pickle.dumps(pick)).pose)
+    given.translation[2] = 9.0
+    for each in held:
+        with pytest.raises(ValueError, match="read-only"):
+            each.translation[2] -= 1.0
+        assert each.translation[2] == 0.2

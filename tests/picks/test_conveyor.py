@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import translated
 
-FILE = Path(__file__).parents[2] / "robots" / "ur5" / "conveyor_picks.yaml"
+from .conftest import cell_of
 
 STEP = 0.01
 """rad or m between the samples of an audit."""
@@ -29,15 +28,25 @@ STEP = 0.01
 
 @cache
 def cell():
-    picks = pp.read_picks(FILE)
-    arm = picks.load_arm()
-    return arm, pp.Scene.load(picks.scene), picks
+    return cell_of("ur5", "conveyor_picks.yaml")
 
 
 @cache
 def setup():
-    arm, scene, picks = cell()
-    return PickSetup.make(arm, scene, picks, home=None, rng=0)
+    return PickSetup.make(*cell(), home=None, rng=0)
+
+
+def task_of(pick: int = 0, arm: pp.Arm | None = None, **changes) -> PickTask:
+    """A pick from the conveyor with another arm or other keys."""
+    ours, scene, picks = cell()
+    made = setup() if arm is None else PickSetup.make(arm or ours, scene, picks, home=None, rng=0)
+    return PickTask(replace(picks.picks[pick], **changes), made.cell)
+
+
+def at_grasp(task: PickTask, there: PickTask, member) -> np.ndarray:
+    """(n,) the configuration at the grasp that is nearest to home."""
+    many = configurations(task.arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
+    return many[np.abs(many - task.cell.home).max(axis=1).argmin()]
 
 
 @cache
@@ -63,9 +72,8 @@ def test_pick_from_a_moving_belt_is_free_at_dense_samples_on_exact_meshes() -> N
     ]  # fmt: skip
     for motion in verdict.motions:
         exact = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, link_meshes="surface")
-        found = audit(
-            motion.trajectory, exact.allowing(*touching(motion)), movers=motion.movers, step=STEP, measure=False
-        )
+        exact = exact.allowing(*touching(motion))
+        found = audit(motion.trajectory, exact, movers=motion.movers, step=STEP, measure=False)
         assert found.clean, (motion.name, found.message)
         on_belt = {name for mover in motion.movers for name in mover.obstacles}
         assert ("block_1" in on_belt) == (motion.name in ("transit", "approach", "tracking"))
@@ -123,9 +131,12 @@ def test_lifted_block_does_not_sink_into_the_belt() -> None:
 @pytest.mark.slow
 def test_picks_one_after_the_other_are_on_the_clock_of_the_belt() -> None:
     belt, picks = cell()[2].conveyor, cell()[2].picks
-    result = pick_from_belt(setup(), picks[:3])
+    result = pick_from_belt(setup(), [*picks[:3], replace(picks[0], name="again")])
     assert len(result.taken) == 3
     assert len(result.cycle_times) == 3
+    # A part that is taken is no longer on the belt
+    assert [each.status for each in result.verdicts] == [PickStatus.GOOD] * 3 + [PickStatus.UNREADABLE]
+    assert "block_1" in result.verdicts[3].reason
     placed, now = set(), 0.0
     for verdict in result.taken:
         assert verdict.intercept.start_time == pytest.approx(now)
@@ -142,8 +153,6 @@ def test_picks_one_after_the_other_are_on_the_clock_of_the_belt() -> None:
     for name, pick in zip(sorted(placed), picks, strict=False):
         block = result.taken[-1].motions[-1].scene[name].pose.translation
         assert block == pytest.approx(np.array([0.15, -0.5, 0.015]) + pick.place.pose.translation, abs=1e-6)
-    with pytest.raises(pp.InputError, match="conveyor"):
-        pick_from_belt(setup(), [replace(picks[0], carried=None, place=None)])
 
 
 @pytest.mark.slow
@@ -159,18 +168,20 @@ def test_certificate_matches_the_motion_only_with_its_movers() -> None:
 
 
 def test_other_searches_refuse_picks_from_a_conveyor() -> None:
-    arm, scene, picks = cell()
-    with pytest.raises(pp.InputError, match="conveyor"):
-        pp.screen_picks(arm, scene, picks)
-    with pytest.raises(pp.InputError, match="conveyor"):
-        pp.sequence(setup(), picks)
+    bare = replace(cell()[2].picks[0], carried=None, place=None)
+    for refused in (
+        lambda: pp.screen_picks(*cell()),
+        lambda: pp.sequence(setup(), cell()[2]),
+        lambda: pick_from_belt(setup(), [bare]),
+    ):
+        with pytest.raises(pp.InputError, match="conveyor"):
+            refused()
 
 
 def changed(**changes):
     arm, scene, picks = cell()
-    return PickSetup.make(
-        arm, scene, replace(picks, conveyor=replace(picks.conveyor, **changes)), home=None, rng=0
-    ).judge(0, picks.picks[0])
+    picks = replace(picks, conveyor=replace(picks.conveyor, **changes))
+    return PickSetup.make(arm, scene, picks, home=None, rng=0).judge(0, picks.picks[0])
 
 
 def judged_on_a_pallet(wall):
@@ -197,14 +208,6 @@ def test_lifted_block_is_checked_against_the_support_that_moves_on_below_it() ->
 
 
 @pytest.mark.slow
-def test_part_that_is_taken_is_no_longer_on_the_belt() -> None:
-    pick = cell()[2].picks[0]
-    result = pick_from_belt(setup(), [pick, replace(pick, name="again")])
-    assert [each.status for each in result.verdicts] == [PickStatus.GOOD, PickStatus.UNREADABLE]
-    assert "block_1" in result.verdicts[1].reason
-
-
-@pytest.mark.slow
 def test_pick_that_outlasts_the_belt_is_not_found_and_keeps_those_before() -> None:
     arm, scene, picks = cell()
     short = replace(picks, conveyor=replace(picks.conveyor, duration=9.0))
@@ -225,9 +228,8 @@ def test_reasons_of_picks_that_cannot_be_taken_from_the_belt() -> None:
     assert "blok_2" in unknown.reason
 
 
-@pytest.mark.parametrize(
-    ("changes", "named"),
-    [
+def test_invalid_conveyors_are_refused(tmp_path) -> None:
+    for changes, named in (
         ({"speed": 0.0}, "speed"),
         ({"speed": -0.2}, "speed"),
         ({"speed": float("nan")}, "speed"),
@@ -238,20 +240,14 @@ def test_reasons_of_picks_that_cannot_be_taken_from_the_belt() -> None:
         ({"parts": ()}, "parts"),
         ({"parts": ("a", "a")}, "twice"),
         ({"tolerance": -1.0}, "tolerance"),
-    ],
-)
-def test_invalid_conveyors_are_refused(changes, named) -> None:
-    with pytest.raises(pp.InputError, match=named):
-        Conveyor(**{"speed": 0.2, "parts": ("block_1",), **changes})
-
-
-@pytest.mark.parametrize(("stated", "named"), [("{speed: 0.2}", "parts"), ("{sped: 0.2, parts: [a]}", "sped")])
-def test_file_with_an_invalid_conveyor_names_the_key(tmp_path, stated, named) -> None:
-    path = tmp_path / "picks.yaml"
-    path.write_text(f"robot: ur5\nconveyor: {stated}\npicks:\n  - {{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}}\n")
-    with pytest.raises(PicksError, match=named) as caught:
-        pp.read_picks(path)
-    assert "conveyor" in str(caught.value)
+    ):
+        with pytest.raises(pp.InputError, match=named):
+            Conveyor(**{"speed": 0.2, "parts": ("block_1",), **changes})
+    for stated, named in (("{speed: 0.2}", "conveyor.*parts"), ("{sped: 0.2, parts: [a]}", "conveyor.*sped")):
+        path = tmp_path / "picks.yaml"
+        path.write_text(f"robot: ur5\nconveyor: {stated}\npicks:\n  - {{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}}\n")
+        with pytest.raises(PicksError, match=named):
+            pp.read_picks(path)
 
 
 def test_velocity_of_the_tool_is_the_derivative_of_its_place_which_is_that_of_the_belt_and_its_lines() -> None:
@@ -280,17 +276,14 @@ def test_velocity_of_the_tool_is_the_derivative_of_its_place_which_is_that_of_th
 @pytest.mark.parametrize(("slower", "speed", "line"), [(1.0, 0.05, 0.1), (0.25, 0.05, 0.1), (0.5, 0.2, 0.002)])
 def test_phases_are_as_short_as_the_limits_allow_and_follow_the_exact_motion(monkeypatch, slower, speed, line) -> None:
     """Every phase has its shortest duration or reaches a limit of a joint; the tool is where the belt takes it."""
-    arm, scene, picks = cell()
+    arm, _, picks = cell()
     limits = replace(arm.limits, velocity=slower * arm.limits.velocity, acceleration=slower * arm.limits.acceleration)
     arm = arm.with_limits(limits)
     belt = replace(picks.conveyor, speed=speed, dwell=0.25)
-    task = PickTask(
-        replace(picks.picks[0], approach=line, retreat=line), PickSetup.make(arm, scene, picks, home=None, rng=0).cell
-    )
+    task = task_of(arm=arm, approach=line, retreat=line)
     there = conveyor._at_time(task, replace(belt, speed=0.2), 3.5)
     member = task.nearest_group[0]
-    many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
-    q = many[np.abs(many - task.cell.home).max(axis=1).argmin()]
+    q = at_grasp(task, there, member)
     tried, original = [], conveyor._followed
     monkeypatch.setattr(conveyor, "_followed", lambda phases, q: tried.append(phases) or original(phases, q))
     found = conveyor.follow_belt(there, member, q, belt)
@@ -374,7 +367,7 @@ def test_a_lowered_support_touches_what_the_support_may_touch() -> None:
 
 def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_on_it() -> None:
     arm, _, picks = cell()
-    task = PickTask(picks.picks[0], setup().cell)
+    task = task_of()
     still = pp.Trajectory.at_rest(task.cell.home, arm.joint_names, 1.0)
     for start, raises in ((3.9, False), (4.1, True)):
         timeline = conveyor._Timeline(replace(picks.conveyor, duration=5.0), start)
@@ -388,20 +381,16 @@ def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_
 def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is() -> None:
     """The hand rests 10 mm too low, and the belt brings the part to it."""
     arm, _, picks = cell()
-    belt, task = picks.conveyor, PickTask(picks.picks[0], setup().cell)
+    belt, task = picks.conveyor, task_of()
     there = conveyor._at_time(task, belt, 3.5)
     member = task.nearest_group[0]
     low = translated(there.grasp(member), belt.travel(1.0) + np.array((0.0, 0.0, -0.05)))
     many = configurations(arm, task.targets([low]), task.cell.home, 0)[1]
     still = pp.Trajectory.at_rest(many[0], arm.joint_names, 2.0)
     hand = there.passing(member)
-    failure = hand.prove(
-        still,
-        None,
-        movers=(replace(belt, parts=("block_1",)).mover(("block_1",)),),
-        part_at=lambda time: translated(hand.part.pose, belt.travel(time)),
-        closing=True,
-    )
+    movers = (replace(belt, parts=("block_1",)).mover(("block_1",)),)
+    part_at = lambda time: translated(hand.part.pose, belt.travel(time))  # noqa: E731
+    failure = hand.prove(still, None, movers=movers, part_at=part_at, closing=True)
     assert failure is not None
     assert failure.depth == pytest.approx(0.01, abs=1e-3)
     assert "hand" in failure.reason
@@ -409,14 +398,12 @@ def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is()
 
 def test_a_belt_on_which_tracking_exceeds_a_limit_is_refused_with_the_joint_after_one_attempt(monkeypatch) -> None:
     """Longer phases do not help, because the speed of the belt is given."""
-    arm, scene, picks = cell()
+    arm, _, picks = cell()
     arm = arm.with_limits(replace(arm.limits, velocity=0.05 * arm.limits.velocity))
-    belt = replace(picks.conveyor, speed=0.2, dwell=0.25)
-    task = PickTask(picks.picks[0], PickSetup.make(arm, scene, picks, home=None, rng=0).cell)
+    belt, task = replace(picks.conveyor, speed=0.2, dwell=0.25), task_of(arm=arm)
     there = conveyor._at_time(task, belt, 3.5)
     member = task.nearest_group[0]
-    many = configurations(arm, task.targets([there.grasp(member)]), task.cell.home, 0)[1]
-    q = many[np.abs(many - task.cell.home).max(axis=1).argmin()]
+    q = at_grasp(task, there, member)
     attempts, original = [], conveyor._followed
     monkeypatch.setattr(conveyor, "_followed", lambda phases, q: attempts.append(phases) or original(phases, q))
     reason = conveyor.follow_belt(there, member, q, belt)
@@ -438,7 +425,7 @@ def test_a_belt_on_which_tracking_exceeds_a_limit_is_refused_with_the_joint_afte
 def test_a_hand_that_enters_the_moving_part_is_refused_at_the_stage_at_which_it_does(monkeypatch, stage) -> None:
     """The hand rests 10 mm too low while the belt brings the part to it, before or while the gripper closes."""
     arm, _, picks = cell()
-    belt, task = picks.conveyor, PickTask(picks.picks[0], setup().cell)
+    belt, task = picks.conveyor, task_of()
     member, start = task.nearest_group[0], 3.5
 
     def at_rest(by: float) -> pp.Trajectory:
@@ -463,7 +450,7 @@ def test_a_hand_that_enters_the_moving_part_is_refused_at_the_stage_at_which_it_
 
 
 def test_at_a_time_every_part_on_the_belt_is_ahead_by_its_travel_and_nothing_else_is() -> None:
-    belt, task = cell()[2].conveyor, PickTask(cell()[2].picks[0], setup().cell)
+    belt, task = cell()[2].conveyor, task_of()
     there = conveyor._at_time(task, belt, 3.5)
     by = 3.5 * 0.2 * np.array([0.0, 1.0, 0.0])
     assert set(task.scene) > set(belt.parts)

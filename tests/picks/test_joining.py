@@ -9,27 +9,23 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.description import robots_folder
-from pinproof.errors import InputError, PicksError
+from pinproof.errors import InputError
 from pinproof.motion import Bounds, MotionProgram
 from pinproof.picks import PickBudget, PickSetup, PickVerdict
 from pinproof.picks.judging.timing import GAIN, SPEEDS, LineEnd, join_lines
+
+from .conftest import cell_of
 
 
 @pytest.fixture(scope="module")
 def carry() -> pp.Picks:
     """A pick of a UR5 with an object and a place."""
-    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
-    return replace(picks, picks=tuple(each for each in picks.picks if each.place is not None)[:1])
+    return cell_of("ur5", "carry.yaml", "over_the_wall")[2]
 
 
-def setup_of(picks: pp.Picks, *, motion: int = 100) -> PickSetup:
-    arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp, held=picks.held)
-    return PickSetup.make(arm, pp.Scene.load(picks.scene), picks, home=None, rng=0, budget=PickBudget(motion=motion))
-
-
-def judged(picks: pp.Picks, *, motion: int = 100) -> tuple[PickSetup, PickVerdict]:
-    setup = setup_of(picks, motion=motion)
+def judged(picks: pp.Picks, *, motion: int = 100, home=None) -> tuple[PickSetup, PickVerdict]:
+    arm, scene = picks.load_arm(), pp.Scene.load(picks.scene)
+    setup = PickSetup.make(arm, scene, picks, home=home, rng=0, budget=PickBudget(motion=motion))
     verdict = setup.judge(0, picks.picks[0])
     assert verdict.ok
     return setup, verdict
@@ -63,10 +59,10 @@ def test_the_arm_rests_only_at_the_ends_at_the_grasp_and_at_the_release(carry) -
 def test_the_stated_share_of_each_line_is_straight(carry, straight: float) -> None:
     setup, verdict = judged(replace(carry, straight=straight))
     arm, pick = setup.checker.arm, verdict.pick
-    tip = {each.name: [arm.root_from_base * arm.forward_kinematics(q) * carry.tip for q in each.trajectory(
-        np.linspace(0.0, each.trajectory.duration, 200))] for each in verdict.motions}  # fmt: skip
+    parts = {each.name: each.trajectory for each in verdict.motions}
     for name, length, inner in (("approach", pick.approach, -1), ("retreat", pick.retreat, 0), ("place", None, -1)):
-        poses = tip[name]
+        q = parts[name](np.linspace(0.0, parts[name].duration, 200))
+        poses = [arm.root_from_base * arm.forward_kinematics(each) * carry.tip for each in q]
         length = pick.place.approach if length is None else length
         along = np.array([each.translation - poses[inner].translation for each in poses])
         far = np.linalg.norm(along, axis=1).max()
@@ -74,8 +70,7 @@ def test_the_stated_share_of_each_line_is_straight(carry, straight: float) -> No
         direction = along[np.linalg.norm(along, axis=1).argmax()] / far
         assert np.linalg.norm(along - np.outer(along @ direction, direction), axis=1).max() < 1.01e-3
         assert max(np.linalg.norm(each.rotation - poses[inner].rotation) for each in poses) < 5e-3
-        moving = next(each.trajectory for each in verdict.motions if each.name == name).velocities[-1 - inner]
-        assert moving.any() or straight == 1.0  # no stop at the outer end
+        assert parts[name].velocities[-1 - inner].any() or straight == 1.0  # no stop at the outer end
     if straight == 0.5:
         assert verdict.trajectory.duration > judged(replace(carry, straight=0.25))[1].trajectory.duration
 
@@ -104,41 +99,29 @@ def test_a_program_of_a_motion_without_stops_is_read_back_and_certified_again(ca
     assert [each.name for each in loaded.certified] == [each.name for each in verdict.motions]
     assert loaded.digest() == verdict.trajectory.digest()
     first = program.segments[0]
-    faster = pp.Trajectory(
-        first.trajectory.times, first.trajectory.q, 1.01 * first.trajectory.velocities, program.joint_names
-    )
+    moved = first.trajectory
+    faster = pp.Trajectory(moved.times, moved.q, 1.01 * moved.velocities, program.joint_names)
     with pytest.raises(InputError, match="velocities differ"):
         replace(program, segments=(replace(first, trajectory=faster), *program.segments[1:]))
-
-
-def test_the_arm_may_start_where_the_approach_begins(carry) -> None:
-    stopping = judged(carry, motion=0)[1]
-    home = next(each.trajectory for each in stopping.motions if each.name == "approach").start
-    arm = pp.load_robot(carry.robot).arm(tcp=carry.tcp)
-    budget = PickBudget(motion=100)
-    setup = PickSetup.make(arm, pp.Scene.load(carry.scene), carry, home=home, rng=0, budget=budget)
-    verdict = setup.judge(0, carry.picks[0])
-    assert verdict.ok
-    np.testing.assert_array_equal(verdict.trajectory.start, home)
-
-
-def test_a_program_must_not_end_with_an_event_while_the_arm_moves(carry) -> None:
-    program = judged(carry)[1].program()
+    # It must not end with an event while the arm moves
     first = next(each for each in program.segments if each.trajectory.velocities[-1].any())
     last = replace(program.events[0], time=first.trajectory.duration)
     with pytest.raises(InputError, match="moves at the event"):
         replace(program, segments=(replace(first, start=0.0),), events=(last,))
 
 
-@pytest.mark.parametrize("wrong", ["0", "-0.5", "1.5", "half"])
-def test_a_wrong_straight_share_is_refused_with_its_key(tmp_path, wrong: str) -> None:
-    file = tmp_path / "picks.yaml"
-    file.write_text(f"straight: {wrong}\npicks: [{{name: a, xyz: [0.4, 0, 0.3]}}]\n")
-    with pytest.raises(PicksError, match=r"picks.yaml.*straight"):
-        pp.read_picks(file)
-    if wrong != "half":
-        with pytest.raises(InputError, match="straight"):
-            pp.Picks((), straight=float(wrong))
+def test_the_arm_may_start_where_the_approach_begins(carry) -> None:
+    _, verdict = judged(carry, motion=0)
+    home = next(each.trajectory for each in verdict.motions if each.name == "approach").start
+    np.testing.assert_array_equal(judged(carry, home=home)[1].trajectory.start, home)
+    # Home at the start of the approach leaves nothing to join
+    judged(carry, home=verdict.motions[0].trajectory.end)
+
+
+@pytest.mark.parametrize("wrong", [0.0, -0.5, 1.5])
+def test_a_wrong_straight_share_is_refused(wrong: float) -> None:
+    with pytest.raises(InputError, match="straight"):
+        pp.Picks((), straight=wrong)
 
 
 class Records:
@@ -216,9 +199,3 @@ def test_a_line_with_a_moving_end_has_a_share_of_its_largest_speed_along_its_tan
     assert short.velocities[outer].any()
     np.testing.assert_allclose((short.end if arrives else short.start), end.stopping.q[inner], atol=1e-12)
     assert line_end(arm, arrives=arrives, straight=0.8).option(0) is None
-
-
-def test_home_at_the_start_of_the_approach_leaves_nothing_to_join(carry) -> None:
-    setup, verdict = judged(carry, motion=0)
-    there = replace(setup, home=verdict.motions[0].trajectory.end, budget=PickBudget(motion=100))
-    assert there.judge(0, carry.picks[0]).ok

@@ -1,9 +1,10 @@
-"""Payloads, torque limits and speeds of picks: files, timing, reports, and reasons."""
+"""Payloads, torque limits, speeds and upright objects of picks: files, timing, reports, and reasons."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,13 +13,17 @@ import pinproof as pp
 from pinproof import InputError
 from pinproof.description.catalogue import robots_folder
 from pinproof.errors import PicksError
-from pinproof.motion import ToolLimits
+from pinproof.motion import JointPath, ToolLimits
 from pinproof.picks import PickSetup, PickStatus, Stage
 from pinproof.picks.input.pick import PARTS, ToolSpeed
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import PickTask, at_rest
+from pinproof.picks.judging.timing import MotionPart, timed_curve
+
+from .conftest import DOWN, judge_in
 
 FOLDER = robots_folder() / "ur5"
+LEVEL = np.radians(5.0)
 ROW = "{name: bolt, xyz: [0.460, 0.150, 0.035], object: bolt_1, place: {frame: drop, xyz: [0, 0, 0], rpy: [pi, 0, 0]}}"
 
 
@@ -148,7 +153,7 @@ def test_a_table_states_mass_and_speed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("shared", "words"),
+    ("shared", "named"),
     [
         ("payload: {mass: -1}", "key payload.*mass"),
         ("payload: {weight: 1}", "key payload.*'weight'.*mass"),
@@ -157,35 +162,40 @@ def test_a_table_states_mass_and_speed(tmp_path):
         ("torque_limits: 87", "key torque_limits.*true or false"),
     ],
 )
-def test_a_wrong_shared_payload_is_refused_with_its_key(file, shared, words):
-    with pytest.raises(PicksError, match=words):
+def test_a_wrong_shared_payload_is_refused_with_its_key(file, shared, named):
+    with pytest.raises(PicksError, match=named):
         pp.read_picks(file(shared=shared))
 
 
 @pytest.mark.parametrize(
-    ("row", "words"),
+    ("stated", "named"),
     [
-        ("{name: a, xyz: [0, 0, 0], payload: {mass: 1}}", "payload and no object"),
-        ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 0}}", "mass"),
-        ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 1, frame: tool0}}", "frame"),
-        ("{name: a, xyz: [0, 0, 0], speed: {aproach: 0.1}}", "approach"),
-        ("{name: a, xyz: [0, 0, 0], speed: 0}", "speed must be a finite number above 0"),
-        ("{name: a, xyz: [0, 0, 0], speed: {approach: {linear_sped: 0.1}}}", "linear_speed"),
-        ("{name: a, xyz: [0, 0, 0], speed: {approach: {}}}", "linear_speed"),
+        ("payload: {mass: 1}", "payload and no object"),
+        ("object: bolt_1, payload: {mass: 0}", "mass"),
+        ("object: bolt_1, payload: {mass: 1, frame: tool0}", "frame"),
+        ("speed: {aproach: 0.1}", "approach"),
+        ("speed: 0", "speed must be a finite number above 0"),
+        ("speed: {approach: {linear_sped: 0.1}}", "linear_speed"),
+        ("speed: {approach: {}}", "linear_speed"),
+        *((f"object: bolt_1, upright: {angle}", "pright") for angle in ("5 grad", "100 deg", "-5 deg", "0", "level")),
+        ("object: bolt_1, upright: [5, deg]", "pright"),
     ],
 )
-def test_a_wrong_payload_or_speed_of_a_pick_is_a_problem_of_its_row(file, row, words):
-    picks = pp.read_picks(file(row=row))
+def test_a_wrong_payload_speed_or_angle_of_a_pick_is_a_problem_of_its_row(file, stated, named):
+    picks = pp.read_picks(file(row=f"{{name: a, xyz: [0, 0, 0], {stated}}}"))
     assert not picks.picks
-    assert words in picks.problems[0].reason
+    assert named in picks.problems[0].reason
 
 
-def test_picks_that_limit_torques_need_an_arm_with_limits(file):
+def test_limits_that_cannot_be_kept_are_refused(file):
     picks = pp.read_picks(file(shared="torque_limits: true"))
     arm = picks.load_arm()
     bare = arm.with_limits(dataclasses.replace(arm.limits, torque=None))
     with pytest.raises(InputError, match=r"limit torques.*max_effort"):
         pp.validate_picks(bare, pp.Scene.load(picks.scene), picks)
+    for stated, named in (({"upright": LEVEL}, "object"), ({"upright_axis": (0, 0, 1)}, "upright")):
+        with pytest.raises(InputError, match=named):
+            pp.Pick("part", pp.pose((0.4, 0, 0.1)), **stated)
 
 
 def test_configurations_that_cannot_hold_the_object_at_rest_are_not_candidates(file):
@@ -210,3 +220,68 @@ def test_configurations_that_cannot_hold_the_object_at_rest_are_not_candidates(f
     screened = screen(task, group, reached)
     assert {tuple(each.q) for each in screened.candidates} == kept
     assert f"{excluded} of them excluded by torque limits" in screened.stages[1].message
+
+
+# -- upright objects, proven over their whole motion ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("text", "angle"), [("5 deg", LEVEL), ("0.1", 0.1), ("pi/36", LEVEL), ("0.1 rad", 0.1)])
+def test_the_angle_is_read_in_degrees_or_radians(file, text: str, angle: float) -> None:
+    (pick,) = pp.read_picks(file(row=f"{{name: a, xyz: [0, 0, 0], object: bolt_1, upright: {text}}}"))
+    assert pick.upright == pytest.approx(angle, rel=1e-12)
+
+
+@pytest.fixture
+def upright(arms, cells):
+    """Judge a pick whose object stays upright."""
+    place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.035), DOWN))
+    pick = pp.Pick("level", pp.pose((0.46, 0.15, 0.035), DOWN), carried="bolt_1", upright=LEVEL, place=place)
+
+    def judge(**changes: object) -> pp.picks.PickVerdict:
+        changed = dataclasses.replace(pick, **changes)
+        return judge_in(arms["ur5"], cells["ur5"][0], changed, tip=pp.pose((0, 0, 0.105)), margin=0.002)
+
+    return judge
+
+
+@pytest.mark.slow
+def test_the_object_stays_upright_from_the_grasp_to_the_release(arms, upright) -> None:
+    verdict = upright()
+    assert verdict.ok
+    for motion in verdict.motions:
+        carried = motion.name in ("retreat", "transfer", "place")
+        assert len(motion.certificate.constraints) == carried
+        if carried:  # the angle between the tool axis and the vertical, at samples of 0.002 rad
+            rough = motion.trajectory(np.linspace(*motion.trajectory.domain, 500))
+            count = int(np.abs(np.diff(rough, axis=0)).max(axis=1).sum() / 0.002) + 2
+            q = motion.trajectory(np.linspace(*motion.trajectory.domain, count))
+            tilts = np.arccos(np.clip(-arms["ur5"].forward_kinematics_batch(q)[:, 2, 2], -1.0, 1.0))
+            assert tilts.max() <= motion.certificate.constraints[0].largest <= LEVEL
+    transfer = next(each.trajectory for each in verdict.motions if each.name == "transfer")
+    resting = np.flatnonzero(~transfer.velocities.any(axis=1))
+    assert set(resting) <= {0, len(transfer.times) - 1}  # no stop on the way
+
+
+@pytest.mark.slow
+def test_a_release_or_a_grasp_with_a_tilted_object_fails(upright) -> None:
+    place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.15), (np.pi, 0.3, 0.0)), approach=0.02)
+    tilted, leaning = upright(place=place), upright(upright_axis=(0.0, 0.2, -1.0))
+    assert tilted.failed is leaning.failed is Stage.PLACE
+    assert "upright" in leaning.stages[-1].message
+    assert "upright" in tilted.stages[-1].message
+    assert "17.19 deg, 12.19 deg too much" in tilted.stages[-1].message  # 0.3 rad
+
+
+def test_a_shortened_transfer_is_proven_to_be_upright(arms) -> None:
+    arm = arms["ur5"]
+    start = np.array([0.0, -1.2, 1.6, -1.97, -np.pi / 2, 0.0])
+    middle, end = start + np.array([0.6, 0, 0, 0, 0, 0]), start + np.array([1.2, 0, 0, 0, 0, 0.4])
+    upright = pp.Upright.keeping(arm, start, tolerance=LEVEL)
+    task = SimpleNamespace(arm=arm, cell=SimpleNamespace(budget=pp.picks.PickBudget(motion=20)))
+    path = JointPath([start, middle, end], arm.joint_names)
+    part = MotionPart("transfer", (path,), pp.CollisionChecker(arm, pp.Scene()), constraints=(upright,))
+    trajectory, certificate = timed_curve(task, part, path, [])
+    assert certificate.free
+    (kept,) = certificate.constraints
+    assert kept.largest <= LEVEL
+    np.testing.assert_array_equal(trajectory.end, end)

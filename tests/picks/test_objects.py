@@ -11,26 +11,17 @@ import trimesh
 
 import pinproof as pp
 from pinproof.errors import InputError
-from pinproof.model import load_robot
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickSetup, PickStatus, Stage
 from pinproof.picks.judging import setup as judging_setup
 from pinproof.picks.judging.task import PickTask
 
-DOWN = (np.pi, 0, 0)
+from .conftest import DOWN, QUICK, judge_in
+
 TIP = 0.105
-QUICK = pp.picks.PickBudget(compared=1, remedies=0)
 PICKER = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
 SHARED = {"tip": pp.pose((0, 0, TIP)), "tool": (PICKER,), "margin": 0.002}
-
-
-def table() -> pp.Obstacle:
-    return pp.Obstacle("table", pp.Box(1.6, 1.2, 0.04), pp.pose((0.35, 0, -0.025)))
-
-
-def bolt(x: float, y: float, z: float = 0.015) -> pp.Obstacle:
-    return pp.Obstacle("bolt", pp.Cylinder(radius=0.008, length=0.04), pp.pose((x, y, z)))
-
-
+TABLE = pp.Obstacle("table", pp.Box(1.6, 1.2, 0.04), pp.pose((0.35, 0, -0.025)))
+BOLT = pp.Obstacle("bolt", pp.Cylinder(radius=0.008, length=0.04), pp.pose((0.45, 0.15, 0.015)))
 PICK = pp.Pick("bolt", pp.pose((0.45, 0.15, 0.035), DOWN), carried="bolt")
 
 
@@ -39,10 +30,21 @@ def arm(arms) -> pp.Arm:
     return arms["ur5"]
 
 
+def scene_with(*obstacles: pp.Obstacle) -> pp.Scene:
+    return pp.Scene([TABLE, *obstacles], allowed=[("base_link", "table")])
+
+
 def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.picks.PickVerdict:
-    scene = pp.Scene([table(), bolt(0.45, 0.15), *obstacles], allowed=[("base_link", "table")])
-    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **{**SHARED, **shared}), budget=QUICK).verdicts
-    return verdict
+    return judge_in(arm, scene_with(BOLT, *obstacles), pick, **{**SHARED, **shared})
+
+
+def setup_of(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle) -> tuple[PickSetup, pp.picks.PickVerdict]:
+    """A set-up, and its verdict on a pick."""
+    picks = pp.Picks((pick,), **SHARED)
+    setup = PickSetup.make(arm, scene_with(*obstacles), picks, home=None, rng=0, budget=QUICK)
+    verdict = setup.judge(0, pick)
+    assert verdict.ok, verdict.reason
+    return setup, verdict
 
 
 def recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm) -> None:
@@ -68,9 +70,7 @@ def test_an_object_is_lifted_off_its_support(arm) -> None:
     recheck(verdict, arm)
     assert [motion.name for motion in verdict.motions] == ["transit", "approach", "retreat"]
     transit, approach, retreat = verdict.motions
-    assert "bolt" in transit.scene.names
-    assert "bolt" in approach.scene.names
-    assert "bolt" not in retreat.scene.names
+    assert ["bolt" in motion.scene.names for motion in verdict.motions] == [True, True, False]
     assert [parting.bodies for parting in retreat.certificate.partings] == [("bolt", "table")]
     held = next(each for each in retreat.attached if each.name == "bolt")
     at = arm.root_from_base * arm.forward_kinematics(verdict.q_grasp) * held.pose
@@ -90,19 +90,12 @@ def test_an_object_is_placed_at_the_stated_pose(arm) -> None:
     assert [parting.bodies for parting in verdict.motions[4].certificate.partings] == [("bolt", "table")]
 
 
-def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
-    verdict = judge(arm, replace(PICK, place=pp.picks.PlaceTarget(pp.pose((1.4, 0, 0.035), DOWN))))
-    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.PLACE)
-    assert "release is out of reach" in verdict.reason
-
-
 def test_the_swept_volume_contains_the_carried_part(arm) -> None:
     # A lintel over the bolt, beside the tool's path upwards: only a wide object meets it.
     wide = pp.Obstacle("plate", pp.Box(0.02, 0.2, 0.01), pp.pose((0, 0.0, 0.006)))
     lintel = pp.Obstacle("lintel", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, -0.1 + 0.16, 0.12)))
     here = pp.Pick("plate", pp.pose((0.45, -0.02, 0.06), DOWN), carried=None)
-    free = judge(arm, here, lintel)
-    assert free.ok
+    assert judge(arm, here, lintel).ok
     verdict = judge(arm, replace(here, carried=wide), lintel)
     assert verdict.failed is Stage.RETREAT
     assert "plate" in verdict.reason
@@ -119,14 +112,11 @@ def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) ->
 
 
 def test_fingers_are_open_before_the_grasp_and_at_the_object_after_it(arm) -> None:
-    jaw = pp.Box(0.02, 0.01, 0.06)
-    pair = (
-        pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
-        pp.Obstacle("right", jaw, pp.pose((0, -0.005, 0.13))),
-    )
-    fingers = pp.picks.GripperFingers(pair, opening=0.06, grip=0.016)
+    at = {"left": 0.005, "right": -0.005}
+    pair = tuple(pp.Obstacle(name, pp.Box(0.02, 0.01, 0.06), pp.pose((0, y, 0.13))) for name, y in at.items())
+    hand = {"fingers": pp.picks.GripperFingers(pair, opening=0.06, grip=0.016), "tip": pp.pose((0, 0, 0.15))}
     low = replace(PICK, pose=pp.pose((0.45, 0.15, 0.03), DOWN))
-    verdict = judge(arm, low, fingers=fingers, tip=pp.pose((0, 0, 0.15)))
+    verdict = judge(arm, low, **hand)
     assert verdict.ok, verdict.reason
 
     def gap(motion: pp.picks.PickMotion) -> float:
@@ -135,7 +125,7 @@ def test_fingers_are_open_before_the_grasp_and_at_the_object_after_it(arm) -> No
 
     assert [round(gap(motion), 9) for motion in verdict.motions] == [0.06, 0.06, 0.016]
     wall = pp.Obstacle("wall", pp.Box(0.2, 0.01, 0.06), pp.pose((0.45, 0.19, 0.03)))
-    assert judge(arm, low, wall, fingers=fingers, tip=pp.pose((0, 0, 0.15))).failed is Stage.GRASP
+    assert judge(arm, low, wall, **hand).failed is Stage.GRASP
 
 
 def bin_mesh(finely: int) -> pp.Mesh:
@@ -157,9 +147,8 @@ def bin_mesh(finely: int) -> pp.Mesh:
 def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: int) -> None:
     # The floor of the bin is where the table's top is, and the table is elsewhere.
     bin_ = pp.Obstacle("bin", bin_mesh(finely), pp.pose((0.45, 0.15, -0.005), (0, 0, 0.3)))
-    scene = pp.Scene([bin_, bolt(0.45, 0.15)])
-    picks = pp.Picks((PICK,), **SHARED)
-    (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
+    scene = pp.Scene([bin_, BOLT])
+    verdict = judge_in(arm, scene, PICK, **SHARED)
     recheck(verdict, arm)
     retreat = verdict.motions[-1].certificate
     assert {parting.bodies for parting in retreat.partings} == {("bolt", "bin")}
@@ -172,26 +161,23 @@ def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: in
     assert min(depths) > depths[0] - 1e-6
 
 
-def test_a_bin_supports_an_object_above_its_floor_and_not_one_beside_its_wall(stick_urdf) -> None:
-    arm = load_robot(stick_urdf).arm(tcp="b")  # a robot without bodies: the only pair is object and bin
+def test_a_bin_supports_an_object_above_its_floor_and_not_one_beside_its_wall(stick) -> None:
+    """Of a robot without bodies: the only pair is object and bin."""
     for height, near_wall, supported in ((0.0005, 0.0002, True), (0.02, 0.0002, False), (0.0005, 0.05, True)):
         held = pp.Obstacle("part", pp.Box(0.02, 0.02, 0.02), pp.pose((0.085 - near_wall, 0, height + 0.01)))
-        checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("bin", bin_mesh(0))]), attached=[held])
+        checker = pp.CollisionChecker(stick, pp.Scene([pp.Obstacle("bin", bin_mesh(0))]), attached=[held])
         assert len(checker.pairs) == 1
         found = PickTask.supports(SimpleNamespace(name="part"), checker, np.zeros(1), None)
         assert found == ((("part", "bin"),) if supported else ())
 
 
 def test_an_object_may_have_several_supports(arm) -> None:
-    rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
-             enumerate((-0.005, 0.005))]  # fmt: skip
-    scene = pp.Scene([*rails, bolt(0.45, 0.15)])
+    at = {"rail_0": 0.445, "rail_1": 0.455}
+    rails = (pp.Obstacle(name, pp.Box(0.004, 0.1, 0.02), pp.pose((x, 0.15, -0.015))) for name, x in at.items())
+    scene = pp.Scene([*rails, BOLT])
 
     def lifted(support) -> pp.picks.PickVerdict:
-        pick = replace(PICK, support=support)
-        picks = pp.Picks((pick,), **SHARED)
-        (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
-        return verdict
+        return judge_in(arm, scene, replace(PICK, support=support), **SHARED)
 
     for support in (["rail_0", "rail_1"], None):
         verdict = lifted(support)
@@ -212,7 +198,7 @@ def test_an_obstacle_that_the_object_only_touches_is_proposed_as_a_support(arm, 
     assert ("support: [table, wall]" in verdict.reason) is named
 
 
-def test_supports_are_kept_as_names(arm) -> None:
+def test_supports_are_kept_as_names() -> None:
     assert replace(PICK, support="table").support == ("table",)
     assert replace(PICK, support=["table", "rail"]).support == ("table", "rail")
     for wrong in ([], "", ["table", ""], ["table", "table"], 3, {"table": 1}):
@@ -225,7 +211,7 @@ def test_supports_are_kept_as_names(arm) -> None:
     [
         ({"support": ["table", "shelf"]}, "unknown support 'shelf'"),
         ({"carried": "screw"}, "unknown object 'screw'"),
-        ({"carried": bolt(0.45, 0.15)}, "the object's name 'bolt' is taken"),
+        ({"carried": BOLT}, "the object's name 'bolt' is taken"),
         ({"support": "shelf"}, "unknown support 'shelf'"),
         ({"frame": "pallet"}, "unknown frame 'pallet'"),
         ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),
@@ -238,19 +224,16 @@ def test_an_invalid_cell_is_a_verdict_at_the_input_stage(arm, change, expected: 
 
 
 def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:
-    there = replace(PICK, frame="bolt", pose=pp.pose((0, 0, 0.02), DOWN))
-    one, other = judge(arm, PICK), judge(arm, there)
+    one, other = judge(arm, PICK), judge(arm, replace(PICK, frame="bolt", pose=pp.pose((0, 0, 0.02), DOWN)))
     assert one.ok
     np.testing.assert_allclose(one.q_grasp, other.q_grasp, atol=1e-9)
-
-
-def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
+    # Frames hang on each other, but not in circles
     frames = {
         "tray": pp.picks.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"),
         "rack": pp.picks.NamedFrame(pp.pose((0, 0, 0.035))),
     }
     there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
-    np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
+    np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, one.q_grasp, atol=1e-9)
     circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
     reason = judge(arm, there, frames=circle).reason
     assert all(word in reason for word in ("cycle", "tray", "rack"))
@@ -260,8 +243,7 @@ FINAL = pp.pose((0.40, -0.33, 0.015), (0, 0, 0.7))
 """The requested final pose of the bolt."""
 
 
-@pytest.mark.parametrize("turn", [0.0, 1.1])
-@pytest.mark.parametrize("aside", [(0.0, 0.0, 0.0), (0.002, -0.001, 0.003)])
+@pytest.mark.parametrize(("turn", "aside"), [(0.0, (0.0, 0.0, 0.0)), (1.1, (0.002, -0.001, 0.003))])
 def test_a_place_stated_as_the_pose_of_the_object_puts_it_there(arm, turn: float, aside) -> None:
     grasp = pp.pose((0.45, 0.15, 0.035), DOWN) * pp.pose(aside, (0, 0, turn))
     place = pp.picks.PlaceTarget(FINAL, pose_of="object")
@@ -270,7 +252,7 @@ def test_a_place_stated_as_the_pose_of_the_object_puts_it_there(arm, turn: float
     final = verdict.motions[-1].scene["bolt"].pose
     np.testing.assert_allclose(final.homogeneous, FINAL.homogeneous, atol=1e-6)
     # The independent product: the tip at the release is final object * (grasp^-1 * object at the grasp)^-1.
-    tip_from_object = np.linalg.inv(grasp.homogeneous) @ bolt(0.45, 0.15).pose.homogeneous
+    tip_from_object = np.linalg.inv(grasp.homogeneous) @ BOLT.pose.homogeneous
     released = arm.root_from_base * arm.forward_kinematics(verdict.trajectory(verdict.release_time))
     tip = released.homogeneous @ pp.pose((0, 0, TIP)).homogeneous
     np.testing.assert_allclose(tip, FINAL.homogeneous @ np.linalg.inv(tip_from_object), atol=1e-5)
@@ -289,11 +271,9 @@ def test_a_place_stated_as_the_pose_of_a_shape_uses_the_pose_that_it_is_held_wit
         final = verdict.motions[-1].scene["part"].pose
         np.testing.assert_allclose(final.homogeneous, (frames["tray"].pose * wanted).homogeneous, atol=1e-6)
     assert verdicts[0].trajectory.duration == pytest.approx(verdicts[1].trajectory.duration, abs=1e-6)
-
-
-def test_every_grasp_of_a_family_puts_the_object_at_the_same_pose(arm) -> None:
-    spin = pp.picks.GraspSpin((2.0,))
-    verdict = judge(arm, replace(PICK, spin=spin, place=pp.picks.PlaceTarget(FINAL, pose_of="object")))
+    # Every grasp of a family puts the object at the same pose
+    spun = replace(PICK, spin=pp.picks.GraspSpin((2.0,)), place=pp.picks.PlaceTarget(FINAL, pose_of="object"))
+    verdict = judge(arm, spun)
     recheck(verdict, arm)
     np.testing.assert_allclose(verdict.motions[-1].scene["bolt"].pose.homogeneous, FINAL.homogeneous, atol=1e-6)
 
@@ -301,10 +281,10 @@ def test_every_grasp_of_a_family_puts_the_object_at_the_same_pose(arm) -> None:
 def test_suggestions_for_a_place_of_the_object_hold(arm) -> None:
     far = pp.pose((0.95, 0, 0.015), (0, 0, 0.7))
     pick = replace(PICK, place=pp.picks.PlaceTarget(far, pose_of="object"))
-    scene = pp.Scene([table(), bolt(0.45, 0.15)], allowed=[("base_link", "table")])
     budget = pp.picks.PickBudget(compared=1, remedies=4)
-    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **SHARED), budget=budget).verdicts
-    assert verdict.failed is Stage.PLACE
+    verdict = judge_in(arm, scene_with(BOLT), pick, budget=budget, **SHARED)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.PLACE)
+    assert "release is out of reach" in verdict.reason
     assert verdict.suggestions
     for suggestion in verdict.suggestions:
         changed = suggestion.apply(pick)
@@ -318,9 +298,6 @@ def test_a_shift_of_a_place_moves_the_object_and_a_rotation_of_pick_and_place_do
     np.testing.assert_allclose(moved.translation, FINAL.translation - [0.02, 0, 0], atol=1e-15)
     with pytest.raises(InputError, match="pose of the object"):
         pp.picks.TurnSuggestion(degrees=15, axis=(0, 0, 1), with_place=True).apply(pick)
-
-
-def test_an_unknown_kind_of_pose_of_a_place_is_refused() -> None:
     with pytest.raises(pp.UnknownNameError, match="valid: object, tip"):
         pp.picks.PlaceTarget(FINAL, pose_of="part")
 
@@ -333,9 +310,7 @@ def test_motions_hold_for_a_part_that_is_displaced_by_less_than_the_room_around_
     """
     pick = replace(PICK, retreat=0.009)
     bar = pp.Obstacle("bar", pp.Box(0.01, 0.2, 0.02), pp.pose((0.45 + 0.008 + 0.012 + 0.005, 0.15, 0.005)))
-    scene = pp.Scene([table(), bolt(0.45, 0.15), bar], allowed=[("base_link", "table")])
-    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
-    verdict = setup.judge(0, pick)
+    setup, verdict = setup_of(arm, pick, BOLT, bar)
     recheck(verdict, arm)
     for by, free in ((0.0, True), (0.0099, True), (0.0101, False)):
         certificates = setup.certify_displaced(verdict, by)
@@ -353,10 +328,7 @@ def test_motions_hold_for_a_part_that_is_displaced_by_less_than_the_room_around_
 def test_the_motions_for_a_displaced_part_are_those_of_the_grasp_of_the_verdict(arm, monkeypatch) -> None:
     pick = replace(PICK, tolerance=pp.picks.GraspTolerance(position=(0.006, 0.0, 0.0)))
     low = pp.Obstacle("bar", pp.Box(0.002, 0.2, 0.02), pp.pose((0.45 + 0.02 + 0.0015, 0.15, 0.05)))
-    scene = pp.Scene([table(), bolt(0.45, 0.15), low], allowed=[("base_link", "table")])
-    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
-    verdict = setup.judge(0, pick)
-    assert verdict.ok, verdict.reason
+    setup, verdict = setup_of(arm, pick, BOLT, low)
     assert verdict.member
     grasps, original = [], judging_setup.certify_displaced
 
@@ -371,11 +343,7 @@ def test_the_motions_for_a_displaced_part_are_those_of_the_grasp_of_the_verdict(
 
 def test_every_obstacle_may_be_displaced_if_a_pick_names_no_object(arm) -> None:
     post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.1), pp.pose((0.45 + 0.02 + 0.012 + 0.01, 0.15, 0.05)))
-    pick = pp.Pick("bolt", pp.pose((0.45, 0.15, 0.045), DOWN))
-    scene = pp.Scene([table(), post], allowed=[("base_link", "table")])
-    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks((pick,), **SHARED), home=None, rng=0, budget=QUICK)
-    verdict = setup.judge(0, pick)
-    assert verdict.ok, verdict.reason
+    setup, verdict = setup_of(arm, pp.Pick("bolt", pp.pose((0.45, 0.15, 0.045), DOWN)), post)
     assert [each.free for each in setup.certify_displaced(verdict, 0.0099)] == [True]
     (refuted,) = setup.certify_displaced(verdict, 0.0101)
     assert not refuted.free

@@ -44,26 +44,19 @@ def _targets(arm: pp.Arm, found: ReachMap) -> list[tuple[tuple[int, int], np.nda
 
 def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
     assert map_of_ur5.complete
+    assert 0 < map_of_ur5.free.sum() < map_of_ur5.reachable.sum() < map_of_ur5.reachable.size
     for where, target in _targets(ur5.arm, map_of_ur5):
         branches = pp.AnalyticIk().solve_all(ur5.arm, target).branches
+        free = [q for q in branches if ur5.is_free(q)]
         assert map_of_ur5.reachable[where] == bool(len(branches))
-        assert map_of_ur5.free[where] == any(ur5.is_free(q) for q in branches)
-
-
-def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecker, map_of_ur5: ReachMap) -> None:
-    for where, target in _targets(ur5.arm, map_of_ur5):
-        free = [q for q in pp.AnalyticIk().solve_all(ur5.arm, target).branches if ur5.is_free(q)]
-        if free:
+        assert map_of_ur5.free[where] == bool(free)
+        if free:  # it reports the most manipulable branch
             volumes = [np.sqrt(np.linalg.det(J @ J.T)) for J in map(ur5.arm.jacobian, free)]
             assert map_of_ur5.manipulability[where] == pytest.approx(max(volumes), rel=1e-6)
             assert any(map_of_ur5.clearance[where] == pytest.approx(ur5.clearance(q)) for q in free)
         else:
             assert np.isnan(map_of_ur5.manipulability[where])
             assert np.isnan(map_of_ur5.clearance[where])
-
-
-def test_the_map_knows_poses_of_every_kind(map_of_ur5: ReachMap) -> None:
-    assert 0 < map_of_ur5.free.sum() < map_of_ur5.reachable.sum() < map_of_ur5.reachable.size
 
 
 def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
@@ -137,9 +130,7 @@ def test_a_map_comes_back_from_its_file(map_of_ur5: ReachMap, tmp_path: Path) ->
     assert back.same_question(map_of_ur5) == ""
     assert np.array_equal(back.free, map_of_ur5.free)
     assert back.summary == map_of_ur5.summary
-
-
-def test_the_table_has_a_row_for_each_point(map_of_ur5: ReachMap, tmp_path: Path) -> None:
+    # The table has a row for each point
     map_of_ur5.save(tmp_path / "map.csv")
     rows = (tmp_path / "map.csv").read_text().splitlines()
     assert len(rows) == 1 + len(BOX)
@@ -155,32 +146,29 @@ def test_the_slices_show_the_share_by_colour(map_of_ur5: ReachMap, tmp_path: Pat
         assert (np.abs(pixels.astype(int) - colour).max(axis=1) <= 2).sum() > 500
 
 
-@pytest.mark.parametrize("content", [b"", b"PK nonsense", b"x,y\n1,2\n"])
-def test_a_file_that_is_not_a_map_is_refused(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "odd.npz").write_bytes(content)
-    with pytest.raises(FileError, match=r"odd\.npz"):
-        ReachMap.load(tmp_path / "odd.npz")
-
-
-def test_single_points_have_no_slices(ur5: pp.CollisionChecker, tmp_path: Path) -> None:
+def test_files_that_are_not_maps_and_slices_of_single_points_are_refused(
+    ur5: pp.CollisionChecker, tmp_path: Path
+) -> None:
+    for content in (b"", b"PK nonsense", b"x,y\n1,2\n"):
+        (tmp_path / "odd.npz").write_bytes(content)
+        with pytest.raises(FileError, match=r"odd\.npz"):
+            ReachMap.load(tmp_path / "odd.npz")
     with pytest.raises(pp.InputError, match="grid"):
         pp.reach_map(ur5, pp.picks.ReachRegion([[0.3, 0.0, 0.3]]), DOWN).save(tmp_path / "map.png")
 
 
-@pytest.mark.parametrize(
-    ("lower", "upper", "step", "words"),
-    [
+def test_regions_and_directions_that_make_no_sense_are_refused() -> None:
+    for lower, upper, step, named in (
         ((0, 0, 0), (1, -1, 0), 0.1, "lower y"),
         ((0, 0, 0), (1, 1, 1), 0.0, "step"),
         ((0, 0, 0), (1, 1, 1), 1e-4, "larger"),
         ((0, 0, np.nan), (1, 1, 1), 0.1, "lower"),
-    ],
-)
-def test_a_region_that_makes_no_sense_is_refused(
-    lower: tuple[float, ...], upper: tuple[float, ...], step: float, words: str
-) -> None:
-    with pytest.raises(pp.InputError, match=words):
-        pp.picks.ReachRegion.box(lower, upper, step)
+    ):
+        with pytest.raises(pp.InputError, match=named):
+            pp.picks.ReachRegion.box(lower, upper, step)
+    for directions in ("down", [[0, 0, 1], [0, 1]], [0, 0], [[0, 0, "x"]], [0, 0, np.nan]):
+        with pytest.raises(pp.InputError, match="directions"):
+            pp.picks.tool_orientations(directions)
 
 
 @given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
@@ -201,14 +189,6 @@ def test_directions_all_round_weigh_the_sphere_evenly() -> None:
     assert np.abs(directions.mean(axis=0)).max() < 0.01
     assert np.abs(directions.T @ directions / 500 - np.eye(3) / 3).max() < 0.01
 
-
-@pytest.mark.parametrize("directions", ["down", [[0, 0, 1], [0, 1]], [0, 0], [[0, 0, "x"]], [0, 0, np.nan]])
-def test_directions_that_are_not_numbers_are_refused_with_the_valid_shape(directions) -> None:
-    with pytest.raises(pp.InputError, match="directions"):
-        pp.picks.tool_orientations(directions)
-
-
-def test_one_direction_is_the_same_as_a_list_of_one() -> None:
     one, several = pp.picks.tool_orientations((0, 1, 0), 2), pp.picks.tool_orientations([(0, 1, 0)], 2)
     np.testing.assert_array_equal(one, several)
     assert one.shape == (2, 3, 3)

@@ -15,7 +15,7 @@ from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.spatial import SE3, matrix
 
-ROBOTS = ("ur5", "generic_6dof", "panda")
+from .conftest import ROBOTS
 
 
 def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> pp.Picks:
@@ -53,21 +53,15 @@ def _cell(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> PickCell:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_screen_agrees_with_the_stages_for_random_picks(name, arms, cells) -> None:
     picks = _random_picks(arms[name], cells[name], 100)
-    found = pp.screen_picks(arms[name], cells[name][0], picks)
-    cell = _cell(arms[name], cells[name][0], picks)
+    arm, scene = arms[name], cells[name][0]
+    found, cell = pp.screen_picks(arm, scene, picks, clearance=True), _cell(arm, scene, picks)
     stages = [_failed_stage(pick, cell) for pick in picks]
     odd = [(a, b) for a, b in zip([s.stage for s in found.status], stages, strict=True) if a is not b]
     assert not odd
     assert len(set(stages)) >= 3
     assert found.complete == (name != "panda")
-
-
-@pytest.mark.parametrize("name", ROBOTS)
-def test_free_poses_are_reached_and_collision_free(name, arms, cells) -> None:
-    arm, (scene, picks) = arms[name], cells[name]
-    picks = _random_picks(arms[name], cells[name], 100)
-    found = pp.screen_picks(arm, scene, picks, clearance=True)
-    checker = _cell(arm, scene, picks).checker
+    # Free poses are reached and collision-free
+    checker = cell.checker
     assert found.free.any()
     for i in np.flatnonzero(found.free):
         at = arm.root_from_base * arm.forward_kinematics(found.q[i]) * picks.tip
@@ -175,15 +169,9 @@ def test_the_hand_may_touch_what_is_picked_and_nothing_else(arms) -> None:
     other = pp.Obstacle("other", pp.Cylinder(radius=0.03, length=0.1), pp.pose(xyz=(0.5, -0.2, 0.2)))
     above = pp.pose(xyz=(0.0, 0.0, 0.05), rpy=(np.pi, 0, 0))
     tip = pp.pose(xyz=(0, 0, 0.1))
-    picks = pp.Picks(
-        (
-            pp.Pick("held", above, frame="can", carried="can"),
-            pp.Pick("touched", above, frame="other"),
-            pp.Pick("wrong", above, frame="other", carried="can"),
-        ),
-        tool=(tool,),
-        tip=tip,
-    )
+    stated = {"held": ("can", "can"), "touched": ("other", None), "wrong": ("other", "can")}
+    given = tuple(pp.Pick(name, above, frame=frame, carried=carried) for name, (frame, carried) in stated.items())
+    picks = pp.Picks(given, tool=(tool,), tip=tip)
     scene = pp.Scene([can, other])
     found = pp.screen_picks(arm, scene, picks)
     free, contact = pp.picks.ScreenStatus.FREE, pp.picks.ScreenStatus.CONTACT
@@ -205,16 +193,12 @@ def test_unusable_entries_are_ignored(arms) -> None:
     assert found.summary.startswith("3 screened: 1 free, 2 unreadable")
 
 
-def test_nothing_to_screen_is_an_answer_too(arms) -> None:
+def test_nothing_to_screen_is_an_answer_too_and_poses_that_are_none_are_refused(arms) -> None:
     found = pp.screen_picks(arms["ur5"], pp.Scene(), np.empty((0, 4, 4)))
-    assert len(found) == 0
-    assert found.q.shape == (0, 6)
-
-
-@pytest.mark.parametrize("poses", [np.eye(4), np.full((1, 4, 4), np.nan), np.diag([1.0, 1.0, -1.0, 1.0])[None]])
-def test_poses_that_are_none_are_refused(poses: np.ndarray, arms) -> None:
-    with pytest.raises(pp.InputError, match="poses"):
-        pp.screen_picks(arms["ur5"], pp.Scene(), poses)
+    assert (len(found), found.q.shape) == (0, (0, 6))
+    for poses in (np.eye(4), np.full((1, 4, 4), np.nan), np.diag([1.0, 1.0, -1.0, 1.0])[None]):
+        with pytest.raises(pp.InputError, match="poses"):
+            pp.screen_picks(arms["ur5"], pp.Scene(), poses)
 
 
 def test_all_shipped_picks_are_reported_as_judged(reports, arms, cells) -> None:

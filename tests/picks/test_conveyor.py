@@ -210,10 +210,10 @@ def test_lifted_block_is_checked_against_the_support_that_moves_on_below_it() ->
 @pytest.mark.slow
 def test_pick_that_outlasts_the_belt_is_not_found_and_keeps_those_before() -> None:
     arm, scene, picks = cell()
-    short = replace(picks, conveyor=replace(picks.conveyor, duration=9.0))
+    short = replace(picks, conveyor=replace(picks.conveyor, duration=8.0))
     result = pick_from_belt(PickSetup.make(arm, scene, short, home=None, rng=0), picks.picks[:2])
     assert [each.status for each in result.verdicts] == [PickStatus.GOOD, PickStatus.NOT_FOUND]
-    assert "9 s" in result.verdicts[1].reason
+    assert "8 s" in result.verdicts[1].reason
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from pinproof.picks.judging import grasp, place
 from pinproof.picks.judging.configurations import at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import INSTANT, GraspCandidate, reach, screen
 from pinproof.picks.judging.judge import BestFirst, Scoring, _Completions, _judge
-from pinproof.picks.judging.lines import Attempt, Crossing, ToolLine, along, full_rotations, shifted
+from pinproof.picks.judging.lines import Attempt, Crossing, ToolLine, along, full_rotations, shifted, span
 from pinproof.picks.judging.place import Placer, Placing, Release, Scores, release_lines
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
@@ -200,7 +200,7 @@ def test_a_transfer_ends_at_full_rotations_that_keep_the_lines_of_the_release_wi
     limits, placer, tried = task.arm.limits, Placer(task, 0), 0
     for down in releases:
         for shift in full_rotations(task.arm, task.cell.home, attempt)[:4]:
-            result, placing = placer.transfer(task.place, replace(attempt, shift=shift), down, SEEDS)
+            result, placing = placer.transfer(task.place, attempt.turned(shift), down, SEEDS)
             if placing is None:
                 continue
             tried += 1
@@ -272,8 +272,7 @@ def attempt_of(arm: pp.Arm, rng: np.random.Generator) -> Attempt:
     q, names = rng.uniform(-2.5, 2.5, arm.dof), arm.joint_names
     ends, tangents = q + rng.normal(0, 0.4, (2, arm.dof)), rng.normal(0, 0.5, (2, 2, arm.dof))
     lines = [CubicPath(np.array([q, ends[k]]), tangents[k], [0.0, 1.0], names) for k in range(2)]
-    shift = TURN * rng.integers(-1, 2, arm.dof)
-    return Attempt(GraspCandidate(q, None, 0.0, 0.0), approach=lines[0], retreat=lines[1], shift=shift)
+    return Attempt(GraspCandidate(q, None, 0.0, 0.0), q, approach=lines[0], retreat=lines[1])
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -287,8 +286,9 @@ def test_full_rotations_are_all_that_keep_both_lines_within_the_limits(arms, see
     shifts = full_rotations(arm, arm.home, attempt)
     assert not shifts[0].any()
     dense = np.linspace(0.0, 1.0, 200)
-    points = np.vstack([attempt.candidate.q, attempt.approach(dense), attempt.retreat(dense)])
-    every, bounds = np.array(list(product((-2, -1, 0, 1, 2), repeat=6))), attempt.span()
+    points = np.vstack([attempt.q, attempt.approach(dense), attempt.retreat(dense)])
+    every = np.array(list(product((-2, -1, 0, 1, 2), repeat=6)))
+    bounds = span(attempt.q, attempt.approach, attempt.retreat)
     low, high = points.min(axis=0), points.max(axis=0)
 
     def fitting(least: np.ndarray, largest: np.ndarray) -> set[tuple[int, ...]]:
@@ -306,20 +306,22 @@ def test_full_rotations_are_all_that_keep_both_lines_within_the_limits(arms, see
 def test_an_attempt_at_full_rotations_has_the_same_poses_at_its_ends(arms) -> None:
     arm, rng = arms["ur5"], np.random.default_rng(5)
     for _ in range(5):
-        attempt = attempt_of(arm, rng)
-        for line, unshifted, end in (
-            (attempt.line_in(), attempt.approach, attempt.entrance),
-            (attempt.line_out(), attempt.retreat, attempt.exit),
+        attempt, by = attempt_of(arm, rng), TURN * rng.integers(-1, 2, arm.dof)
+        turned = attempt.turned(by)
+        assert turned.candidate is attempt.candidate
+        for line, before, end in (
+            (turned.approach, attempt.approach, turned.entrance),
+            (turned.retreat, attempt.retreat, turned.exit),
         ):
             for share in np.linspace(0.0, 1.0, 11):
-                np.testing.assert_allclose(line(share) - unshifted(share), attempt.shift, atol=1e-12)
+                np.testing.assert_allclose(line(share) - before(share), by, atol=1e-12)
             np.testing.assert_allclose(line.end, end, atol=1e-12)
-            np.testing.assert_allclose(line.start, attempt.q, atol=1e-12)
-    alone = Attempt(attempt.candidate, shift=attempt.shift)
-    assert (alone.line_in(), alone.line_out()) == (None, None)
+            np.testing.assert_allclose(line.start, turned.q, atol=1e-12)
+    alone = Attempt(attempt.candidate, attempt.q).turned(by)
+    assert (alone.approach, alone.retreat) == (None, None)
     for q in (alone.entrance, alone.exit):
-        np.testing.assert_array_equal(q, alone.candidate.q + alone.shift)
-    assert shifted(None, attempt.shift) is None
+        np.testing.assert_array_equal(q, attempt.q + by)
+    assert shifted(None, by) is None
 
 
 def test_the_time_at_full_speed_is_the_same_in_both_directions_and_no_less_than_any_bound(arms) -> None:

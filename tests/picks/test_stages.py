@@ -207,7 +207,7 @@ def limited(upper: float) -> pp.Arm:
 def test_full_rotations_that_end_at_a_limit_are_found(beyond, rotations):
     q = np.array([-1.0, -1.2, 1.0, 0.7, 1.1, 0.5])
     arm = limited(q[0] + TURN - beyond)
-    attempt = Attempt(GraspCandidate(q, Member(SE3.Identity()), 0.1, 1.0), shift=np.zeros(6))
+    attempt = Attempt(GraspCandidate(q, Member(SE3.Identity()), 0.1, 1.0), q)
     shifts = full_rotations(arm, arm.home, attempt)
     assert len({round(float(shift[0]), 6) for shift in shifts}) == rotations
     goals, _ = with_turns(arm, arm.home, q[None])

@@ -57,11 +57,14 @@ def rest(lines: list[str]) -> StringList:
     return StringList(["```{eval-rst}", *lines, "```"], source="<package>")
 
 
-MADE_BY_CHECKS = re.compile(
+MADE_HERE = re.compile(
     "(Audit|Check)Result|(Program)?Certificate|ProgramPart|(First)?Contact|ExcludedPair|Parting|MotionTube|Undecided.*|"
-    "Constraint(Proof|Violation)|LimitViolation|LinkOverlap|OverlapReport|TimedScene|SurfacePoints"
+    "Constraint(Proof|Violation)|LimitViolation|LinkOverlap|OverlapReport|TimedScene|SurfacePoints|"
+    "Pick(Verdict|Report|Motion)|StageResult|Intercept|GripResult|(Finger|Cup)Contact|CampaignResult|ScreenResult|"
+    "BeltSequence|PicksProgram|ProgramCheck"
 )
-"""Results of checks and proofs, which are shown without a signature because their constructors are not public."""
+"""Results of checks, proofs and picks, which are shown without a signature because their constructors are not
+public."""
 
 
 def documented(path: str) -> list[str]:
@@ -76,7 +79,7 @@ def documented(path: str) -> list[str]:
         own = all(base is object or base.__module__.startswith("pinproof") for base in value.__mro__)
         if not value.__module__.startswith("pinproof"):
             return [f".. autodata:: {path}", "   :no-value:", ""]
-        made = "()" if MADE_BY_CHECKS.fullmatch(name) else ""
+        made = "()" if MADE_HERE.fullmatch(name) else ""
         return [f".. autoclass:: {path}{made}", MEMBERS, *(["   :inherited-members:"] if own else []), ""]
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 

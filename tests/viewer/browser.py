@@ -113,7 +113,7 @@ class Browser:
         page = self._pages[session] = Page(self, target, session)
         for domain in ("Runtime", "Log", "Network", "Page"):
             page.send(f"{domain}.enable")
-        page.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        page.resize(width, height)
         page.send("Page.addScriptToEvaluateOnNewDocument", source=LITTLE_TO_DRAW)
         page.send("Page.navigate", url=url)
         page.wait_for(ready)
@@ -177,6 +177,33 @@ class Page:
 
     def text(self, selector: str) -> str:
         found: str = self.evaluate(f"document.querySelector({json.dumps(selector)}).innerText")
+        return found
+
+    def seek(self, time: float) -> None:
+        """Show the motion at a time (s), paused."""
+        self.evaluate(f"pinproof.seek({time})")
+
+    def node(self, *path: str, attribute: str = "position.toArray()") -> Any:
+        """An attribute of the object at a place of the tree, by default its position."""
+        return self.evaluate(f"pinproof.viewer.scene_tree.find({json.dumps(path)}).object.{attribute}")
+
+    def click(self, selector: str) -> None:
+        self.evaluate(f"document.querySelector({json.dumps(selector)}).click()")
+
+    def key(self, name: str) -> None:
+        """Press and release a key."""
+        for kind in ("keyDown", "keyUp"):
+            self.send("Input.dispatchKeyEvent", type=kind, key=name, code=name)
+
+    def resize(self, width: int, height: int) -> None:
+        size = {"width": width, "height": height}
+        self.send("Emulation.setDeviceMetricsOverride", **size, deviceScaleFactor=1, mobile=False)
+
+    def texts(self, selector: str) -> list[str]:
+        """The text of each element."""
+        found: list[str] = self.evaluate(
+            f"Array.from(document.querySelectorAll({json.dumps(selector)}), (one) => one.textContent)"
+        )
         return found
 
     def canvas(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,8 @@ from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene,
 from pinproof.model import Arm, load_robot
 from pinproof.motion import Trajectory
 from pinproof.spatial import pose
+
+from .browser import Browser, Page
 
 LINKS = """<robot name="{name}">
   <link name="base">{base}</link>
@@ -85,3 +87,24 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 def certified(arm: Arm, scene: Scene, motion: Trajectory, **settings: float) -> object:
     return certify(motion, CollisionChecker(arm, scene), **settings)
+
+
+@pytest.fixture
+def visit(browser: Browser, pages: Callable[[str], Path]) -> Iterator[Callable[..., Page]]:
+    """Open a page by its name; at the end of the test it has no complaints and asked no network for anything."""
+    opened = []
+
+    def open_page(name: str, *size: int, at: str = "") -> Page:
+        opened.append(browser.open(pages(name).as_uri() + at, *size))
+        return opened[-1]
+
+    yield open_page
+    for page in opened:
+        assert_quiet(page)
+
+
+def assert_quiet(page: Page) -> None:
+    """Close a page that complained about nothing and asked no network for anything."""
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:", "blob:"))] == []
+    page.close()

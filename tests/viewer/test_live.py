@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import http.client
 import socket
 import subprocess
@@ -14,11 +12,11 @@ from pinproof.ik import AnalyticIk
 from pinproof.model import load_robot
 from pinproof.viewer import show
 
-from .browser import PATIENCE, Browser
+from .browser import PATIENCE
 from .conftest import POST, small_arm, swing
 
 
-def get(view, path: str = "/", host: str | None = None) -> tuple[int, str]:
+def get(view, path="/", host=None):
     address = view.url.removeprefix("http://").rstrip("/")
     connection = http.client.HTTPConnection(address, timeout=PATIENCE)
     try:
@@ -29,7 +27,7 @@ def get(view, path: str = "/", host: str | None = None) -> tuple[int, str]:
         connection.close()
 
 
-def test_the_page_is_served_on_loopback_only() -> None:
+def test_the_page_is_served_on_loopback_only():
     with show(small_arm()) as view:
         assert view._server.socket.getsockname()[0] == "127.0.0.1"
         status, text = get(view)
@@ -38,12 +36,12 @@ def test_the_page_is_served_on_loopback_only() -> None:
         assert get(view, "/etc/passwd")[0] == 404
 
 
-def test_a_foreign_name_that_points_here_is_refused() -> None:
+def test_a_foreign_name_that_points_here_is_refused():
     with show(small_arm()) as view:
         assert get(view, host="evil.example:80")[0] == 403
 
 
-def test_two_views_take_two_ports_and_a_taken_port_is_named() -> None:
+def test_two_views_take_two_ports_and_a_taken_port_is_named():
     with show(small_arm()) as one, show(small_arm()) as other:
         assert one.url != other.url
         port = int(one.url.rstrip("/").rsplit(":", 1)[1])
@@ -51,7 +49,7 @@ def test_two_views_take_two_ports_and_a_taken_port_is_named() -> None:
             show(small_arm(), port=port)
 
 
-def test_closing_frees_the_port_and_may_be_done_twice() -> None:
+def test_closing_frees_the_port_and_may_be_done_twice():
     view = show(small_arm())
     port = int(view.url.rstrip("/").rsplit(":", 1)[1])
     assert not view.wait(0)
@@ -64,7 +62,7 @@ def test_closing_frees_the_port_and_may_be_done_twice() -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
+def test_nothing_is_printed_and_the_program_ends_by_itself():
     script = (
         "import urllib.request; import pinproof as pp; "
         "view = pp.show(pp.load_robot('ur5').arm()); urllib.request.urlopen(view.url).read()"
@@ -74,7 +72,7 @@ def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
 
 
 @pytest.mark.slow
-def test_a_view_shows_a_slider_for_the_elbow_until_the_arm_is_moved() -> None:
+def test_a_view_shows_a_slider_for_the_elbow_until_the_arm_is_moved():
     arm = load_robot("panda").arm()
     motion = AnalyticIk(redundant_steps=12).self_motion(arm, arm.forward_kinematics(arm.home), arm.home)
     with show(arm, elbow=motion.curves[-1]) as view:
@@ -88,12 +86,12 @@ def test_a_view_shows_a_slider_for_the_elbow_until_the_arm_is_moved() -> None:
         show(load_robot("ur5").arm(), elbow=motion)
 
 
-def test_a_configuration_of_the_wrong_length_is_refused() -> None:
+def test_a_configuration_of_the_wrong_length_is_refused():
     with show(small_arm()) as view, pytest.raises(InputError):
         view.move_to([0.0])
 
 
-def test_an_open_page_follows_the_arm_and_shows_the_end_of_the_view(browser: Browser) -> None:
+def test_an_open_page_follows_the_arm_and_shows_the_end_of_the_view(browser):
     arm = small_arm()
     view = show(arm)
     try:
@@ -120,7 +118,7 @@ def test_an_open_page_follows_the_arm_and_shows_the_end_of_the_view(browser: Bro
     page.close()
 
 
-def test_an_open_page_comes_back_when_there_is_a_view_at_its_address_again(browser: Browser) -> None:
+def test_an_open_page_comes_back_when_there_is_a_view_at_its_address_again(browser):
     arm = small_arm()
     with show(arm, title="first") as view:
         port = int(view.url.rstrip("/").rsplit(":", 1)[1])
@@ -133,7 +131,7 @@ def test_an_open_page_comes_back_when_there_is_a_view_at_its_address_again(brows
         page.close()
 
 
-def test_a_check_is_shown_no_more_once_the_arm_has_moved_away(browser: Browser) -> None:
+def test_a_check_is_shown_no_more_once_the_arm_has_moved_away(browser):
     arm, scene = small_arm(), Scene([POST])
     touching = [1.5, 0.0]
     with show(arm, scene, q=touching, check=CollisionChecker(arm, scene).check(touching)) as view:

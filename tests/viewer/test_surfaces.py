@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import get_args
 
@@ -30,17 +28,17 @@ GREY = (0.5, 0.5, 0.5, 1.0)
 RED = (1.0, 0.0, 0.0, 1.0)
 
 
-def shaded(mesh: trimesh.Trimesh, rgba=GREY):
+def shaded(mesh, rgba=GREY):
     return shade(np.array(mesh.vertices), np.array(mesh.faces), rgba)
 
 
-def test_a_box_keeps_its_edges_sharp() -> None:
+def test_a_box_keeps_its_edges_sharp():
     box = shaded(trimesh.creation.box(extents=(1, 2, 3)))
     assert box.vertices.shape == (24, 3)  # three normals at each of eight corners
     assert np.allclose(np.sort(np.abs(box.normals), axis=1), [0, 0, 1])
 
 
-def test_a_sphere_is_smooth_all_over() -> None:
+def test_a_sphere_is_smooth_all_over():
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.3)
     surface = shaded(ball)
     assert len(surface.vertices) == len(ball.vertices)
@@ -48,7 +46,7 @@ def test_a_sphere_is_smooth_all_over() -> None:
     assert outward.min() > np.cos(np.deg2rad(3))
 
 
-def test_a_cylinder_has_a_smooth_side_and_a_sharp_rim() -> None:
+def test_a_cylinder_has_a_smooth_side_and_a_sharp_rim():
     sections = 24
     surface = shaded(trimesh.creation.cylinder(radius=0.1, height=0.4, sections=sections))
     flat = np.abs(surface.normals[:, 2])
@@ -56,13 +54,13 @@ def test_a_cylinder_has_a_smooth_side_and_a_sharp_rim() -> None:
     assert (flat < 1e-6).sum() == 2 * sections
 
 
-def test_a_mesh_whose_triangles_share_no_vertex_is_welded() -> None:
+def test_a_mesh_whose_triangles_share_no_vertex_is_welded():
     ball = trimesh.creation.icosphere(subdivisions=2)
     soup = shade(ball.triangles.reshape(-1, 3), np.arange(3 * len(ball.faces)).reshape(-1, 3), GREY)
     assert len(soup.vertices) == len(ball.vertices)
 
 
-def test_shading_moves_no_triangle() -> None:
+def test_shading_moves_no_triangle():
     ring = trimesh.creation.annulus(0.1, 0.2, 0.05)
     surface = shaded(ring)
     assert np.allclose(surface.vertices[surface.triangles], ring.triangles, atol=1e-5)
@@ -71,14 +69,14 @@ def test_shading_moves_no_triangle() -> None:
     assert (facing > 0).all()
 
 
-def test_slivers_without_area_are_left_out() -> None:
+def test_slivers_without_area_are_left_out():
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
     surface = shade(points, np.array([[0, 1, 2], [0, 1, 3]]), GREY)
     assert len(surface.triangles) == 1
     assert np.isfinite(surface.normals).all()
 
 
-def test_surfaces_of_one_colour_become_one() -> None:
+def test_surfaces_of_one_colour_become_one():
     parts = [
         shaded(trimesh.creation.box(), GREY),
         shaded(trimesh.creation.box(), RED),
@@ -91,7 +89,7 @@ def test_surfaces_of_one_colour_become_one() -> None:
 
 
 @given(st.tuples(*[st.floats(-3, 3)] * 6))
-def test_moving_keeps_distances_and_normals(numbers) -> None:
+def test_moving_keeps_distances_and_normals(numbers):
     surface = shaded(trimesh.creation.box(extents=(1, 2, 3)))
     moved = surface.moved(matrix(pose(numbers[:3], numbers[3:])))
     assert np.allclose(np.linalg.norm(moved.normals, axis=1), 1)
@@ -102,7 +100,7 @@ def test_moving_keeps_distances_and_normals(numbers) -> None:
 
 
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=8))
-def test_a_tube_keeps_its_radius_where_its_line_reverses(points) -> None:
+def test_a_tube_keeps_its_radius_where_its_line_reverses(points):
     line = np.array(points)
     surface = tube(line, 0.01, RED)
     if surface is None:
@@ -130,7 +128,7 @@ EXAMPLES = {
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_a_shape_is_drawn_where_it_collides_with_outward_faces(name) -> None:
+def test_a_shape_is_drawn_where_it_collides_with_outward_faces(name):
     (surface,) = obstacle_surfaces(Obstacle("thing", EXAMPLES[name]))
     box = shape_body("thing", "thing", None, EXAMPLES[name], pose()).box
     assert np.allclose([surface.vertices.min(axis=0), surface.vertices.max(axis=0)], box, atol=3e-3)
@@ -138,14 +136,14 @@ def test_a_shape_is_drawn_where_it_collides_with_outward_faces(name) -> None:
     assert np.linalg.det(corners).sum() > 0  # six times the volume: positive if triangles turn left seen from outside
 
 
-def test_a_half_space_is_drawn_as_a_plate_under_its_plane() -> None:
+def test_a_half_space_is_drawn_as_a_plate_under_its_plane():
     (surface,) = obstacle_surfaces(Obstacle("floor", HalfSpace(), rgba=RED))
     assert surface.vertices[:, 2].max() == pytest.approx(0, abs=1e-12)
     assert np.ptp(surface.vertices[:, :2], axis=0).min() > 1
     assert surface.rgba == RED
 
 
-def test_every_shape_is_registered() -> None:
+def test_every_shape_is_registered():
     assert set(SHAPES) == set(get_args(Shape))
     assert {type(shape) for shape in EXAMPLES.values()} | {HalfSpace} == set(SHAPES)
 
@@ -158,7 +156,7 @@ class Torus:
     length: float
 
 
-def test_an_unknown_shape_is_refused_and_the_known_ones_are_named() -> None:
+def test_an_unknown_shape_is_refused_and_the_known_ones_are_named():
     obstacle = Obstacle("ring", Capsule(0.1, 0.4))
     object.__setattr__(obstacle, "shape", Torus(0.1, 0.4))
     with pytest.raises(ViewerError, match=r"Torus.*Box.*Capsule"):
@@ -166,7 +164,7 @@ def test_an_unknown_shape_is_refused_and_the_known_ones_are_named() -> None:
 
 
 @pytest.mark.parametrize("draw", [link_surfaces, body_surfaces])
-def test_an_unknown_primitive_of_a_link_is_refused(draw) -> None:
+def test_an_unknown_primitive_of_a_link_is_refused(draw):
     geometry = LinkGeometry("torus", "upper", "torus", (0.1, 0.4), np.eye(4))
     with pytest.raises(ViewerError, match=r"torus.*upper.*box"):
         draw(geometry)

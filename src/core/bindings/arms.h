@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "bindings/arrays.h"
-#include "ik/goal.h"
+#include "ik/task.h"
 #include "kinematics/chain.h"
 
 namespace pinproof {

@@ -1,10 +1,10 @@
 // Proofs of curves.
 #include "bindings/exact_judge.h"
 #include "bindings/structs.h"
-#include "certificate/constraint_proof.h"
 #include "certificate/curve_proof.h"
 #include "certificate/departure.h"
 #include "certificate/motion_bounds.h"
+#include "certificate/path_constraint.h"
 
 namespace pinproof {
 namespace {

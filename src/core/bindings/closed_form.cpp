@@ -5,9 +5,9 @@
 
 #include "bindings/structs.h"
 #include "closed_form/closed_form.h"
-#include "closed_form/windings.h"
 #include "common/threads.h"
-#include "geometry/angle.h"
+#include "geometry/sincos.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 namespace {

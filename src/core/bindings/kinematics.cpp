@@ -3,10 +3,9 @@
 
 #include "bindings/arms.h"
 #include "bindings/structs.h"
-#include "geometry/rigid.h"
+#include "geometry/rotations.h"
 #include "geometry/sincos.h"
 #include "kinematics/chain.h"
-#include "kinematics/manipulability.h"
 
 namespace pinproof {
 namespace {

@@ -1,6 +1,6 @@
 // Proofs that a pose is out of reach.
 #include "bindings/structs.h"
-#include "geometry/rigid.h"
+#include "geometry/rotations.h"
 #include "reach/reach_proof.h"
 
 namespace pinproof {

@@ -3,7 +3,7 @@
 
 #include "bindings/arms.h"
 #include "bindings/structs.h"
-#include "ik/box_step.h"
+#include "ik/box_descent.h"
 #include "ik/tracker.h"
 #include "planning/route_follower.h"
 

@@ -6,8 +6,8 @@
 #include <initializer_list>
 #include <numbers>
 
-#include "closed_form/windings.h"
-#include "geometry/angle.h"
+#include "geometry/sincos.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 namespace {
@@ -61,7 +61,7 @@ Transform motion_of(const PlannedJoint& joint, double value, double size) {
 bool same_branch(const double* a, const double* b, int n) {
     for (int j = 0; j < n; ++j) {
         const double gap = std::abs(a[j] - b[j]);
-        if (gap > kSameBranch && std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5)) > kSameBranch)
+        if (gap > kSameBranch && std::abs(gap - kTurn * std::floor(gap / kTurn + 0.5)) > kSameBranch)
             return false;
     }
     return true;

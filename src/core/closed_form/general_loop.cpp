@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "closed_form/windings.h"
 #include "geometry/sincos.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 namespace {
@@ -30,7 +30,7 @@ constexpr double kReliable = 0.75;  // share of the trials that a cut must solve
 bool same(const double* a, const double* b, double tolerance) {
     for (int k = 0; k < 6; ++k) {
         const double gap = a[k] - b[k];
-        if (std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5)) > tolerance) return false;
+        if (std::abs(gap - kTurn * std::floor(gap / kTurn + 0.5)) > tolerance) return false;
     }
     return true;
 }

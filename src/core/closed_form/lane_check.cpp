@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include "geometry/angle.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {

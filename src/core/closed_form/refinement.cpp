@@ -5,7 +5,7 @@
 #include <limits>
 
 #include "algebra/least_squares.h"
-#include "closed_form/windings.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 namespace {

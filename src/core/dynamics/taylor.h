@@ -15,7 +15,7 @@
 #include <cmath>
 #include <cstddef>
 
-#include "geometry/double4.h"
+#include "geometry/lanes.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {

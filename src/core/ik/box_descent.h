@@ -1,15 +1,41 @@
-// Gauss-Newton steps in a box: the descent of a tracking cycle, and motions that preserve the residual at first order.
+// The damped least-squares step within a box, and the Gauss-Newton steps in a box of a tracking cycle.
 #pragma once
 
 #include <algorithm>
 #include <vector>
 
-#include "ik/box_step.h"
 #include "ik/task.h"
 #include "kinematics/chain.h"
 
 namespace pinproof {
 
+class BoxStep {
+  public:
+    explicit BoxStep(std::size_t joints);
+
+    // The bounds of the step (n,), to be set before `solve`.
+    std::vector<double> lower, upper;
+
+    // The step d within the bounds that minimises |A d + pull|^2 + shift |d|^2. Returns |pull|^2 - |A d + pull|^2.
+    double solve(double shift, const Jacobian& a, const Twist& pull);
+
+    const std::vector<double>& step() const { return step_; }
+
+    enum class Held : signed char { at_lower = -1, free = 0, at_upper = 1 };
+    const std::vector<Held>& held() const { return held_; }
+
+  private:
+    bool advance(const Jacobian& a);
+    bool release(const Jacobian& a);
+
+    std::vector<double> step_;
+    std::vector<double> optimum_;  // of the free joints, without bounds
+    std::vector<Held> held_;
+    Jacobian free_;  // the columns of A of the free joints; those of the others are zero
+    Twist left_;     // pull, and the effect of the held joints
+};
+
+// Gauss-Newton steps in a box: the descent of a tracking cycle, and motions that preserve the residual at first order.
 class BoxDescent {
   public:
     // Chain and task must exist as long as the descent.

@@ -5,8 +5,7 @@
 #include <variant>
 
 #include "algebra/least_squares.h"
-#include "geometry/angle.h"
-#include "geometry/rotation_vector.h"
+#include "geometry/rotations.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {

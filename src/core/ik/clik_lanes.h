@@ -10,9 +10,8 @@
 #include <vector>
 
 #include "geometry/lanes.h"
-#include "ik/goal.h"
 #include "ik/ik_solver.h"
-#include "ik/progress.h"
+#include "ik/task.h"
 #include "kinematics/chain.h"
 
 namespace pinproof {

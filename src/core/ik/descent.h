@@ -4,9 +4,8 @@
 #include <vector>
 
 #include "algebra/singular_values.h"
-#include "ik/goal.h"
 #include "ik/ik_solver.h"
-#include "ik/progress.h"
+#include "ik/task.h"
 #include "kinematics/chain.h"
 
 namespace pinproof {

@@ -22,10 +22,10 @@
 #include <vector>
 
 #include "geometry/vectors.h"
-#include "ik/clik_step.h"
-#include "ik/joint_range.h"
+#include "ik/step_rules.h"
 #include "ik/task.h"
 #include "kinematics/chain.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include "geometry/quaternion.h"
+#include "geometry/rotations.h"
 
 namespace pinproof {
 namespace {

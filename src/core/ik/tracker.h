@@ -22,10 +22,9 @@
 #include <vector>
 
 #include "ik/box_descent.h"
-#include "ik/goal.h"
-#include "ik/joint_range.h"
 #include "ik/task.h"
 #include "kinematics/chain.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 

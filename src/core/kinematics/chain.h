@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "geometry/double4.h"
+#include "geometry/lanes.h"
 #include "geometry/vectors.h"
 #include "kinematics/tree.h"
 
@@ -60,5 +60,12 @@ class Posture {
     Frame tcp_;
     std::vector<double> values_, sines_, cosines_;  // of the joints, padded to whole vector registers
 };
+
+// The manipulability of an arm.
+
+// The logarithm of sqrt(det(J J^T + tiny I)); with fewer than 6 joints of J^T J in its place.
+//
+// Source: Yoshikawa (1985), "Manipulability of robotic mechanisms".
+double log_manipulability(const Jacobian& jacobian);
 
 }  // namespace pinproof

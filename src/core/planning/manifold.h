@@ -9,7 +9,6 @@
 #include <span>
 #include <vector>
 
-#include "certificate/constraint_proof.h"
 #include "certificate/path_constraint.h"
 #include "planning/edge_checker.h"
 

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "geometry/double4.h"
+#include "geometry/lanes.h"
 
 namespace pinproof {
 namespace {

@@ -44,4 +44,14 @@ struct JointRange {
     }
 };
 
+// Full rotations of revolute joints.
+// value + 2 pi k closest to the reference, within [lower - slack, upper + slack] if possible.
+inline double nearest_winding(double value, double lower, double upper, double slack, double reference) {
+    const double fewest = std::ceil((lower - slack - value) / kTurn);
+    const double most = std::floor((upper + slack - value) / kTurn);
+    const double rotations = std::min(std::max(std::floor((reference - value) / kTurn + 0.5), fewest), most);
+    const double above = value + fewest * kTurn - upper, below = lower - value - most * kTurn;
+    return value + (fewest > most && above < below ? fewest : rotations) * kTurn;
+}
+
 }  // namespace pinproof

@@ -78,19 +78,14 @@ void bind_constraints(nb::module_& module) {
         [](const Settings& settings) {
             positive("resolution", settings.resolution);
             check_counts(settings);
-        }, member("resolution", &Settings::resolution), member("max_intervals", &Settings::max_intervals),
-        optional("goal_share", &Settings::goal_share), optional("look_ahead", &Settings::look_ahead),
-        optional("record", &Settings::record));
+        }, MEMBERS(Settings, resolution, max_intervals),
+        OPTIONALS(Settings, goal_share, look_ahead, record));
     bind_result<FoundViolation>(module, "FoundViolation", "A configuration of a curve that violates a constraint.",
-                                "time", &FoundViolation::time, "error", &FoundViolation::error, "q",
-                                &FoundViolation::q);
-    bind_result<UndecidedConstraint>(module, "UndecidedConstraint", "A span of a curve that is undecided.", "start",
-                                     &UndecidedConstraint::start, "end", &UndecidedConstraint::end, "error",
-                                     &UndecidedConstraint::error);
-    bind_result<ConstraintState>(module, "ConstraintState", "What is known of a constraint on a curve.", "intervals",
-                                 &ConstraintState::intervals, "observed", &ConstraintState::observed, "proven",
-                                 &ConstraintState::proven, "violation", &ConstraintState::violation, "open",
-                                 &ConstraintState::open, "satisfied", &ConstraintState::satisfied)
+                                FIELDS(FoundViolation, time, error, q));
+    bind_result<UndecidedConstraint>(module, "UndecidedConstraint", "A span of a curve that is undecided.",
+                                     FIELDS(UndecidedConstraint, start, end, error));
+    bind_result<ConstraintState>(module, "ConstraintState", "What is known of a constraint on a curve.",
+                                 FIELDS(ConstraintState, intervals, observed, proven, violation, open, satisfied))
         .def_prop_ro("evidence", [](const ConstraintState& state) {
                 return table(state.evidence, &ProvenInterval::start, &ProvenInterval::end);
             }, "(L, 2) start and end of each proven interval.");
@@ -112,8 +107,7 @@ void bind_departure(nb::module_& module) {
         "The span of a curve on which a body is proven not to approach: its end, the parameter after which its gap is "
         "also larger than required (infinity if this is not reached), the end of the first interval in which the proof "
         "failed (`end` if it did not fail), and the number of intervals.",
-        "end", &DepartureProof::end, "until", &DepartureProof::until, "stopped", &DepartureProof::stopped, "intervals",
-        &DepartureProof::intervals);
+        FIELDS(DepartureProof, end, until, stopped, intervals));
     nb::class_<Departure>(module, "Departure", "The motion of a body of the robot along one direction.")
         .def(nb::new_(&make_departure), "world"_a, "body"_a, "hull"_a, "normal"_a, "level"_a,
              "`hull`: a convex shape with the points of the body; `level` (m): the extent of an obstacle along normal.")
@@ -167,8 +161,8 @@ void bind_parts_of_proofs(nb::module_& module) {
             const JointSwing swing = swing_of(prismatic, multiplier, delta, 0.0);
             return std::tuple(swing.chord, swing.bend);
         }, "prismatic"_a, "multiplier"_a, "delta"_a, "The chord and the bend of a joint.");
-    bind_result<Approach>(module, "Approach", "How much closer two bodies can come.", "distance", &Approach::distance,
-                          "growth", &Approach::growth, "bare", &Approach::bare, "split", &Approach::split);
+    bind_result<Approach>(module, "Approach", "How much closer two bodies can come.", FIELDS(Approach, distance,
+                                                                                             growth, bare, split));
     nb::class_<BoundsAt>(module, "MotionBounds", "The motion bounds about a configuration, for tests.")
         .def(nb::init<std::shared_ptr<World>, const Vector&, const Vector&, const Vector&>(), "world"_a, "q"_a,
              "delta"_a, "extra"_a)
@@ -185,17 +179,14 @@ void bind_certificate(nb::module_& module) {
     using Settings = ProofSettings;
     bind_struct<Settings>(
         module, "ProofSettings", "How a curve is proven.", check_counts<Settings>,
-        limit("tolerance", &Settings::tolerance), member("max_intervals", &Settings::max_intervals),
-        optional("obstacle_tolerance", &Settings::obstacle_tolerance), optional("goal_share", &Settings::goal_share),
-        optional("look_ahead", &Settings::look_ahead), optional("wants_tubes", &Settings::wants_tubes),
-        optional("record", &Settings::record));
-    bind_result<FoundContact>(module, "FoundContact", "A contact at a configuration of a curve.", "time",
-                              &FoundContact::time, "pair", &FoundContact::pair, "q", &FoundContact::q);
-    bind_result<OpenSpan>(module, "OpenSpan", "An undecided span of a curve, and its least proven pair.", "start",
-                          &OpenSpan::start, "end", &OpenSpan::end, "pair", &OpenSpan::pair, "distance",
-                          &OpenSpan::distance);
-    bind_result<ProofState>(module, "ProofState", "What is known of a curve.", "intervals", &ProofState::intervals,
-                            "contact", &ProofState::contact, "open", &ProofState::open, "free", &ProofState::free)
+        LIMITS(Settings, tolerance), MEMBERS(Settings, max_intervals),
+        OPTIONALS(Settings, obstacle_tolerance, goal_share, look_ahead, wants_tubes, record));
+    bind_result<FoundContact>(module, "FoundContact", "A contact at a configuration of a curve.", FIELDS(FoundContact,
+                                                                                                         time, pair, q));
+    bind_result<OpenSpan>(module, "OpenSpan", "An undecided span of a curve, and its least proven pair.",
+                          FIELDS(OpenSpan, start, end, pair, distance));
+    bind_result<ProofState>(module, "ProofState", "What is known of a curve.", FIELDS(ProofState, intervals, contact,
+                                                                                      open, free))
         .def(nb::init<>())
         .def_rw("observed", &ProofState::observed)
         .def_rw("spare", &ProofState::spare)

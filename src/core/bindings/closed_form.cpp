@@ -256,9 +256,8 @@ void bind_parts_of_closed_forms(nb::module_& module) {
 
 void bind_closed_form(nb::module_& module) {
     bind_result<BranchList>(module, "Branches", "The branches for one target, nearest to the reference first.",
-                            "all_free_joints", &BranchList::free_joints, "failed", &BranchList::failed, "outside",
-                            &BranchList::outside, "by_quartic", &BranchList::by_quartic, "doubtful",
-                            &BranchList::doubtful, "unresolved", &BranchList::unresolved)
+                            "all_free_joints", &BranchList::free_joints, FIELDS(BranchList, failed, outside,
+                                                                                by_quartic, doubtful, unresolved))
         .def(nb::new_(&list_of_branches), "q"_a, "errors"_a)
         .def("__len__", [](const BranchList& list) { return list.branches.size(); })
         .def_prop_ro("q", &q_of, "(k, n)")
@@ -271,22 +270,15 @@ void bind_closed_form(nb::module_& module) {
                      "the bit of each branch in `unresolved`")
         .def("select", &selected, "indices"_a);
     bind_result<Cut>(module, "Cut", "A cut of a loop for the general elimination: see closed_form/elimination.h.",
-                     "dropped", &Cut::dropped, "reversed", &Cut::reversed, "shifted", &Cut::shifted);
+                     FIELDS(Cut, dropped, reversed, shifted));
     bind_struct<PlannedJoint>(module, "PlannedJoint",
                               "The line of a joint at zero, with lengths relative to the size of the arm, its index in "
                               "q (-1: a virtual joint, which must be zero) and its limits.",
-                              unchecked, member("direction", &PlannedJoint::direction),
-                              member("point", &PlannedJoint::point), member("prismatic", &PlannedJoint::prismatic),
-                              member("index", &PlannedJoint::index), limit("lower", &PlannedJoint::lower),
-                              limit("upper", &PlannedJoint::upper));
+                              unchecked, MEMBERS(PlannedJoint, direction, point, prismatic, index),
+                              LIMITS(PlannedJoint, lower, upper));
     bind_struct<ArmPlan>(module, "ArmPlan", "How the closed form of an arm is found: see closed_form/arm_plan.h.",
-                         check_plan, member("chain", &ArmPlan::chain), member("size", &ArmPlan::size),
-                         member("joints", &ArmPlan::joints), member("tool", &ArmPlan::tool),
-                         member("first_of_triple", &ArmPlan::first_of_triple), member("planar", &ArmPlan::planar),
-                         member("reversed", &ArmPlan::reversed), member("normal", &ArmPlan::normal),
-                         member("locked", &ArmPlan::locked), member("border", &ArmPlan::border),
-                         member("spread", &ArmPlan::spread), member("rounding", &ArmPlan::rounding),
-                         member("true_joints", &ArmPlan::true_joints))
+                         check_plan, MEMBERS(ArmPlan, chain, size, joints, tool, first_of_triple, planar, reversed,
+                                             normal, locked, border, spread, rounding, true_joints))
         .def_ro("cuts", &ArmPlan::cuts, "the cuts of the loop for the general elimination, best first");
     nb::class_<ClosedForm>(module, "ClosedForm", "An arm prepared for the closed form.")
         .def(nb::new_(&make_closed_form), "plan"_a)

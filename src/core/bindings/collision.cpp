@@ -92,8 +92,7 @@ std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const Inde
 
 void bind_world(nb::module_& module) {
     bind_struct<Body>(module, "Body", "A body of the robot on a joint or the root (-1), or an obstacle on the root.",
-                      unchecked, member("shape", &Body::shape), member("joint", &Body::joint),
-                      member("joint_from_body", &Body::joint_from_body));
+                      unchecked, MEMBERS(Body, shape, joint, joint_from_body));
     nb::class_<Geometry>(module, "Geometry", "The bodies of a checker: those of the robot, then the obstacles.")
         .def(nb::new_(&make_geometry), "tree"_a, "bodies"_a, "robot_bodies"_a, "rounding"_a);
     nb::class_<World>(module, "World", "The pairs of bodies of a checker, and their margins.")

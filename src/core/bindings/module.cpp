@@ -12,10 +12,8 @@
 namespace pinproof {
 
 // Each adds the classes and functions of a subject to the module.
-void bind_kinematics(nanobind::module_& module);
+void bind_arms(nanobind::module_& module);
 void bind_closed_form(nanobind::module_& module);
-void bind_ik(nanobind::module_& module);
-void bind_tracking(nanobind::module_& module);
 void bind_collision(nanobind::module_& module);
 void bind_certificate(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
@@ -59,7 +57,7 @@ NB_MODULE(_core, module) {
     nanobind::set_leak_warnings(false);
     module.attr("SOURCE_HASH") = PINPROOF_SOURCE_HASH;
     using namespace pinproof;
-    for (auto* bind : {bind_kinematics, bind_closed_form, bind_ik, bind_tracking, bind_collision, bind_certificate,
-                       bind_timing, bind_planning, bind_reach})
+    for (auto* bind :
+         {bind_arms, bind_closed_form, bind_collision, bind_certificate, bind_timing, bind_planning, bind_reach})
         bind(module);
 }

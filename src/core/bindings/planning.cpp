@@ -187,7 +187,7 @@ std::tuple<Doubles, Doubles, Doubles> state_of(const StaggeredMove& move, double
 
 void bind_staggered_moves(nb::module_& module) {
     bind_result<StaggeredMove>(module, "StaggeredMove", "A motion from rest to rest; joints move at different times.",
-                               "goal", &StaggeredMove::goal, "duration", &StaggeredMove::duration)
+                               FIELDS(StaggeredMove, goal, duration))
         .def("at_time", state_of, "time"_a, "Positions, velocities and accelerations after a time (s), as lists.")
         .def("phase_ends", [](const StaggeredMove& self) { return array_of(self.phase_ends()); },
              "The times (s) at which a phase of a joint ends, sorted.");

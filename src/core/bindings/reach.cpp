@@ -85,7 +85,7 @@ void bind_reach(nb::module_& module) {
     bind_result<ReachProof>(
         module, "ReachProof",
         "A search for a proof that a pose is out of reach; `used` (k,): whether each overlap excluded a box.",
-        "boxes", &ReachProof::boxes, "width", &ReachProof::width, "remaining", &ReachProof::remaining,
+        FIELDS(ReachProof, boxes, width, remaining),
         "excluded", [](const ReachProof& proof) { return proof.outcome == ReachOutcome::kExcluded; },
         "used", [](const ReachProof& proof) { return column<bool>(proof.used, std::identity{}); },
         "kinds", steps(&ReachStep::kind), "joints", steps(&ReachStep::joint),
@@ -93,12 +93,10 @@ void bind_reach(nb::module_& module) {
     bind_struct<Overlap>(module, "Overlap",
                          "A ball on a link of a chain that overlaps a box with rounded edges on another link; link 0 "
                          "is the base. `half` are half sides, and `box_radius` is that of the rounding.",
-                         check_overlap, member("ball_link", &Overlap::ball_link), member("centre", &Overlap::centre),
-                         member("ball_radius", &Overlap::ball_radius), member("box_link", &Overlap::box_link),
-                         member("link_from_box", &Overlap::link_from_box), member("half", &Overlap::half),
-                         member("box_radius", &Overlap::box_radius));
+                         check_overlap, MEMBERS(Overlap, ball_link, centre, ball_radius, box_link, link_from_box, half,
+                                                box_radius));
     bind_result<LoopPoint>(module, "LoopPoint", "A point on several links: where it is on each, from the first on.",
-                           "first", &LoopPoint::first, "at", &LoopPoint::at, "error", &LoopPoint::error);
+                           FIELDS(LoopPoint, first, at, error));
     nb::class_<Reach>(module, "Reach", "Proofs that a pose is out of reach of a chain within its limits.")
         .def(nb::init<const Chain&, const Vector&, const Vector&>(), "chain"_a, "lower"_a, "upper"_a)
         .def("prove", &Reach::prove, "target"_a, "position_tolerance"_a, "orientation_tolerance"_a, "budget"_a,

@@ -12,63 +12,40 @@
 
 namespace pinproof {
 
-// How a value is passed from Python, and read. Arrays must be finite.
+// How a member is passed from Python: as an array, if it is one.
 template <class Value>
-struct Passed {
-    using Type = const Value&;
-    static const Value& read(const char*, Type value) { return value; }
-};
-template <>
-struct Passed<Vec3> {
-    using Type = const Vector&;
-    static Vec3 read(const char* name, Type value) { return vec3(name, value); }
-};
-template <>
-struct Passed<Doubles> {
-    using Type = const Vector&;
-    // The numbers may be infinite.
-    static Doubles read(const char* name, Type value) { return list_of(shaped(name, value, {kAny})); }
-};
-template <>
-struct Passed<Transform> {
-    using Type = const Matrix&;
-    static Transform read(const char* name, Type value) { return transform(name, value); }
-};
-template <>
-struct Passed<Mat3> {
-    using Type = const Matrix&;
-    static Mat3 read(const char* name, Type value) {
-        Mat3 matrix;
-        std::ranges::copy(finite(name, value, {3, 3}), &matrix.m[0][0]);
-        return matrix;
-    }
-};
+inline constexpr bool kIsArray = false;
 template <std::size_t size>
-struct Passed<std::array<double, size>> {
-    using Type = const Vector&;
-    static std::array<double, size> read(const char* name, Type value) {
-        std::array<double, size> numbers;
-        std::ranges::copy(finite(name, value, {size}), numbers.begin());
-        return numbers;
-    }
-};
+inline constexpr bool kIsArray<std::array<double, size>> = true;
+template <class Value>
+inline constexpr bool kIsVector = std::is_same_v<Value, Vec3> || std::is_same_v<Value, Doubles> || kIsArray<Value>;
+template <class Value>
+inline constexpr bool kIsMatrix = std::is_same_v<Value, Transform> || std::is_same_v<Value, Mat3>;
+template <class Value>
+using Passed = std::conditional_t<kIsVector<Value>, Vector, std::conditional_t<kIsMatrix<Value>, Matrix, Value>>;
 
-// A member with its name in Python. A single number must be finite, unless it may be infinite.
+// A member with its name in Python. Numbers must be finite, except those of lists and of members that may be infinite.
 template <class T, class Value, bool optional>
 struct Member {
     const char* name;
     Value T::* pointer;
     bool may_be_infinite;
 
-    using Type = typename Passed<Value>::Type;
+    using Type = const Passed<Value>&;
     auto argument() const {
         if constexpr (optional) return nb::arg(name) = T{}.*pointer;
         else return nb::arg(name);
     }
     void read(T& out, Type value) const {
+        Value& to = out.*pointer;
+        if constexpr (std::is_same_v<Value, Doubles>) to = list_of(shaped(name, value, {kAny}));
+        else if constexpr (std::is_same_v<Value, Vec3>) to = vec3(name, value);
+        else if constexpr (std::is_same_v<Value, Transform>) to = transform(name, value);
+        else if constexpr (std::is_same_v<Value, Mat3>) std::ranges::copy(finite(name, value, {3, 3}), &to.m[0][0]);
+        else if constexpr (kIsArray<Value>) std::ranges::copy(finite(name, value, {to.size()}), to.begin());
+        else to = value;
         if constexpr (std::is_same_v<Value, double>)
             if (std::isnan(value) || (std::isinf(value) && !may_be_infinite)) finite(name, value);
-        out.*pointer = Passed<Value>::read(name, value);
     }
 };
 template <class T, class Value>
@@ -101,6 +78,25 @@ nb::class_<T> bind_struct(nb::module_& module, const char* name, const char* tex
 }
 
 inline constexpr auto unchecked = [](const auto&) {};
+
+// Members that have the same name in Python: MEMBERS, LIMITS and OPTIONALS for bind_struct, FIELDS for bind_result.
+// EACH(of, T, a, b, ...) is of(T, a), of(T, b), ..., for up to 26 names.
+#define EACH(of, T, ...) EXPAND(EACH_NEXT(of, T, __VA_ARGS__))
+#define EACH_NEXT(of, T, name, ...) of(T, name) __VA_OPT__(, EACH_LATER PARENTHESES (of, T, __VA_ARGS__))
+#define EACH_LATER() EACH_NEXT
+#define PARENTHESES ()
+#define EXPAND(...) EXPAND_9(EXPAND_9(EXPAND_9(__VA_ARGS__)))
+#define EXPAND_9(...) EXPAND_3(EXPAND_3(EXPAND_3(__VA_ARGS__)))
+#define EXPAND_3(...) EXPAND_1(EXPAND_1(EXPAND_1(__VA_ARGS__)))
+#define EXPAND_1(...) __VA_ARGS__
+#define FIELD(T, name) #name, &T::name
+#define MEMBER(T, name) member(FIELD(T, name))
+#define LIMIT(T, name) limit(FIELD(T, name))
+#define OPTIONAL(T, name) optional(FIELD(T, name))
+#define FIELDS(...) EACH(FIELD, __VA_ARGS__)
+#define MEMBERS(...) EACH(MEMBER, __VA_ARGS__)
+#define LIMITS(...) EACH(LIMIT, __VA_ARGS__)
+#define OPTIONALS(...) EACH(OPTIONAL, __VA_ARGS__)
 
 // The members of a struct of results: names, each followed by its member, or by what returns its value. Lists of
 // numbers are arrays.

@@ -95,8 +95,7 @@ std::tuple<NewArray, std::optional<std::size_t>> speeds(const Stack& alpha, cons
 
 void bind_timing_of_paths(nb::module_& module) {
     bind_struct<RateLimits>(module, "RateLimits", "Limits of the joints (n); without a jerk limit, jerk is empty.",
-                            check_rates, member("velocity", &RateLimits::velocity),
-                            member("acceleration", &RateLimits::acceleration), member("jerk", &RateLimits::jerk));
+                            check_rates, MEMBERS(RateLimits, velocity, acceleration, jerk));
     module.def("fastest_speeds", &speeds, "alpha"_a, "beta"_a, "gamma"_a, "bound"_a, "step"_a, "ceiling"_a, "start"_a,
                "end"_a,
                "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven "
@@ -212,14 +211,11 @@ void bind_timing(nb::module_& module) {
     bind_timing_of_paths(module);
     bind_struct<RigidBody>(module, "RigidBody",
                            "Mass, mass times centre (3,) and inertia about the origin (3, 3) in the frame of a joint.",
-                           unchecked, member("mass", &RigidBody::mass),
-                           member("first_moment", &RigidBody::first_moment), member("inertia", &RigidBody::inertia));
+                           unchecked, MEMBERS(RigidBody, mass, first_moment, inertia));
     bind_struct<DynamicTree>(module, "DynamicTree",
                              "The moving bodies of an arm, one for each joint of a tree; gravity (3,) is in the root "
                              "frame, and the tool (3,) in that of tool_joint.",
-                             check_model, member("tree", &DynamicTree::tree), member("bodies", &DynamicTree::bodies),
-                             member("gravity", &DynamicTree::gravity), member("tool_joint", &DynamicTree::tool_joint),
-                             member("tool", &DynamicTree::tool))
+                             check_model, MEMBERS(DynamicTree, tree, bodies, gravity, tool_joint, tool))
         .def("torques", &torques, "q"_a, "v"_a, "a"_a,
              "Torques (N, n) of the motion, and of gravity (N, n), at the rows of q, v and a (N, n).")
         .def("tool_motion", &tool_motion, "q"_a, "v"_a, "a"_a,

@@ -193,9 +193,9 @@ class Monitor(Shown):
         require_positive("latency (s)", latency, zero=True)
         self._checker, self._trajectory, self._latency = checker, trajectory, float(latency)
         limits = checker.group.limits.acceleration if acceleration is None else acceleration
-        self._acceleration = _each("acceleration", limits, n, above_zero=True)
-        self._position_error = _each("position_error", position_error, n)
-        self._velocity_error = _each("velocity_error", velocity_error, n)
+        self._acceleration = per_joint("acceleration", limits, n, above_zero=True)
+        self._position_error = per_joint("position_error", position_error, n)
+        self._velocity_error = per_joint("velocity_error", velocity_error, n)
         self._certificate, self._tolerance = self._certified(certificate, joint_tolerance)
         # what the state may deviate within the latency beyond what is measured, which the tube must cover
         drift = self._velocity_error * latency + (self._acceleration + trajectory.max_acceleration()) * latency**2 / 2
@@ -235,7 +235,7 @@ class Monitor(Shown):
         covered = np.zeros(checker.group.dof) if given is None or given.tube is None else given.tube.joints
         default = JOINT_TOLERANCE if given is None else covered
         wanted = default if joint_tolerance is None else joint_tolerance
-        tolerance = _each("joint_tolerance", wanted, checker.group.dof, above_zero=True)
+        tolerance = per_joint("joint_tolerance", wanted, checker.group.dof, above_zero=True)
         # A clearance above every margin of the checker holds for pairs with a margin of their own too.
         enough = given is not None and given.clearance >= checker.margins.max(initial=0.0)
         within = given is not None and given.limits is not None
@@ -427,7 +427,8 @@ class Monitor(Shown):
         return View(f"{seconds}, tube of {tube} rad or m, {latency}", [Rows(columns, rows)])
 
 
-def _each(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) -> Array:
+def per_joint(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = False) -> Array:
+    """(n,) values of one number for all joints, or of one for each; InputError if one is below 0."""
     array = finite(name, np.full(n, value) if np.ndim(value) == 0 else value, (n,))
     if (array < 0).any() or (above_zero and not (array > 0).all()):
         raise InputError(f"{name} = {value!r}; it must be {'above 0' if above_zero else '0 or more'}")

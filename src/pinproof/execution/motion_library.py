@@ -42,6 +42,7 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import require_type
 from pinproof.errors import FileError, InputError, UnknownNameError
+from pinproof.execution.monitor import per_joint
 from pinproof.motion import MOTION, Reader, Trajectory, from_message, time_parametrise, to_message
 from pinproof.planning import Planner, PlanResult, planner_of, shortcut
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
@@ -179,11 +180,8 @@ class MotionLibrary(Shown):
         tolerance: float | None = None,
     ) -> None:
         self._checker = checker
-        n = checker.group.dof
-        each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
-        self._joint_tolerance = finite("joint_tolerance", each, (n,)).copy()  # the caller may change its array later
-        if (self._joint_tolerance < 0).any():
-            raise InputError(f"joint_tolerance = {joint_tolerance!r}; it must be 0 or more")
+        # a copy, because the caller may change its array later
+        self._joint_tolerance = per_joint("joint_tolerance", joint_tolerance, checker.group.dof).copy()
         self._obstacle_tolerance = checked_margin("obstacle_tolerance", obstacle_tolerance)
         self._tolerance = tolerance
         self._motions: dict[str, StoredMotion] = {}

@@ -90,6 +90,7 @@ def bench(
     Each solve starts at the middle of the joint ranges (+-pi without limits). Returns the rows, and the reason for each
     method that does not apply to the arm. UnknownNameError is raised for an unknown method.
     """
+    # the poses, which are reachable because they are those of configurations
     require_integer("points", points, 1)
     solvers = {name: make_ik(name) for name in methods}
     lower, upper = arm.limits.sampling_range()

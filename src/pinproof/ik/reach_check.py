@@ -273,6 +273,7 @@ class _LinkMotion:
         (centre, radius), width = balls, self.width[:, joint]
         if self.loop.prismatic[joint]:
             return centre + np.multiply.outer(by, [0.0, 0.0, 1.0]), radius + width
+        # the ball around the chord of the arc on which the centre moves
         rho = np.hypot(centre[:, 0], centre[:, 1])
         half = np.minimum(width, np.pi / 2)
         phase = np.arctan2(centre[:, 1], centre[:, 0]) + by
@@ -355,6 +356,7 @@ def _squares(prismatic: bool, a: Array, b: Array, middle: Array, width: Array) -
         across = ((a[:, :2] - b[:, :2]) ** 2).sum(axis=1)
         off = np.abs(height - middle)
         return across + np.maximum(off - width, 0.0) ** 2, across + (off + width) ** 2
+    # the law of cosines, at the angles in the range that are nearest to 0 and to a half rotation
     rho_a, rho_b = np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1])
     angle = np.arctan2(a[:, 1], a[:, 0]) - np.arctan2(b[:, 1], b[:, 0]) - middle
     angle = np.abs(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))

@@ -215,6 +215,7 @@ def prove_unreachable(
     (2009), "Introduction to interval analysis"; Merlet (2004), "Solving the forward kinematics of a Gough-type parallel
     manipulator with interval analysis".
     """
+    # what the proof supports
     require_type("arm", arm, Arm)
     require_positive("position_tolerance", position_tolerance)
     require_positive("orientation_tolerance", orientation_tolerance)

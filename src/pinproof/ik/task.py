@@ -160,6 +160,7 @@ def rotation_vector(r: Array) -> Array:
     The angle is computed from sine and cosine together, which is accurate to rounding both for small angles and near
     pi; the arccosine of the trace alone is inaccurate below 1e-8. Near pi the axis is computed from R + R^T.
     """
+    # the axis times twice the sine of the angle
     twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine, cosine = float(np.linalg.norm(twice)) / 2, (float(np.trace(r)) - 1) / 2
     angle = np.arctan2(sine, cosine)

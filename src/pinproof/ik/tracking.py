@@ -235,6 +235,7 @@ def track(
             raise InputError("times must increase from pose to pose, the first at 0 or later")
     else:
         raise InputError("track requires either dt, the cycle time, or times, the time in s at which each pose is due")
+    # all cycles in the compiled core, which Tracker calls one by one
     tracking = _CompiledTracking(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
     q = np.asarray(tracking.core.track(many, durations))
     return TrackResult(arm, tracking.task, many, tracking.start, q, clock, durations, tracking.velocity)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -300,8 +301,12 @@ class BezierCurve:
     NUMBERS: ClassVar[tuple[str, ...]] = ()
     """The names of the attributes that :meth:`is_close` compares."""
 
-    def bezier(self) -> tuple[Array, Array]:
+    def bezier(self) -> Bezier:
         """Knots (k+1,) and control points (k, degree+1, n)."""
+        return self._pieces
+
+    @cached_property
+    def _pieces(self) -> Bezier:
         raise NotImplementedError
 
     def derivative(self, order: int) -> Bezier:
@@ -394,9 +399,9 @@ class CurvePart(BezierCurve):
             pieces[0] = split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
         return cls(np.array([first, *knots[i + 1 : j + 1], last]), pieces, names)
 
-    def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) and control points (k, degree+1, n)."""
-        return self.knots, self.control
+    @cached_property
+    def _pieces(self) -> Bezier:
+        return Bezier(self.knots, self.control)
 
     def reversed(self) -> CurvePart:
         """The same image from end to start, over the same domain."""

@@ -107,12 +107,9 @@ class JointPath(BezierCurve, Shown):
         """The number of waypoints."""
         return len(self.q)
 
-    def bezier(self) -> Bezier:
-        """Knots (k+1,) and control points (k, 2, n), one piece per segment."""
-        return self._pieces
-
     @cached_property
     def _pieces(self) -> Bezier:
+        """One piece per segment."""
         if len(self.q) == 1:
             return Bezier(read_only(np.zeros(2)), read_only(np.stack([self.q, self.q], axis=1)))
         knots, control = np.arange(len(self.q), dtype=float), np.stack([self.q[:-1], self.q[1:]], axis=1)
@@ -213,12 +210,9 @@ class CubicPath(BezierCurve):
             return cls(points, np.zeros_like(points), parameter[: len(points)], names)
         return cls(points, spline_slopes(parameter, points), parameter, names)
 
-    def bezier(self) -> Bezier:
-        """Knots (k+1,) and control points (k, 4, n), one piece between consecutive points."""
-        return self._pieces
-
     @cached_property
     def _pieces(self) -> Bezier:
+        """One piece between consecutive points."""
         if len(self.q) == 1:
             return Bezier(read_only(np.repeat(self.knots, 2)), read_only(np.stack([self.q] * 4, axis=1)))
         pieces = Bezier.hermite(self.knots, self.q, self.tangents)
@@ -386,8 +380,8 @@ class BlendedPath(BezierCurve):
         """The path that stops wherever its derivative jumps."""
         return cls(knots, control, joint_names, _jumps(Bezier(knots, control)))
 
-    def bezier(self) -> Bezier:
-        """Knots (k+1,) and control points (k, degree+1, n)."""
+    @cached_property
+    def _pieces(self) -> Bezier:
         return Bezier(self.knots, self.control)
 
     @cached_property

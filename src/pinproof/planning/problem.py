@@ -262,7 +262,8 @@ def read_ends(
         )
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
     if torque_limits is not None:
-        require_arm(torque_limits, group)
+        if (names := torque_limits.arm.joint_names) != group.joint_names:
+            raise InputError(f"torque_limits are for the joints {names}; the joints of the arm are {group.joint_names}")
         inside = [ok and torque_limits.standstill_share(q) <= 1.0 for ok, q in zip(inside, many, strict=True)]
     violated = _violations(checker, first, constraints, torque_limits)
     if not violated and not checker.is_free_unchecked(first):
@@ -291,13 +292,6 @@ def read_ends(
         contacts = tuple(contact for goal in given for contact in checker.check(goal).contacts)
         return _failed(PlanStatus.GOAL_INVALID, f"no goal is valid: {reasons}{more}", checker, contacts)
     return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
-
-
-def require_arm(torque_limits: TorqueLimits, arm: JointGroup) -> None:
-    """Raise InputError unless torque limits are for the joints of an arm."""
-    if torque_limits.arm.joint_names != arm.joint_names:
-        names = torque_limits.arm.joint_names
-        raise InputError(f"torque_limits are for the joints {names}; the joints of the arm are {arm.joint_names}")
 
 
 def _violations(

@@ -100,21 +100,9 @@ def allocate(
     NoAnswer
         If no sequence of an arm can be certified.
     """
-    _check(group, picks)
-    require_type("scene", scene, Scene)
-    dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
-    run = AllocationRun(group, scene, picks, tuple(precedence), dwell, effort, progress or (lambda *_: None), rng)
-    run.judge()
-    timing, results = run.shortest()
-    alone = tuple(run.alone(name) for name in group.ends) if compare else ()
-    return AllocationResult(
-        group, scene, picks, timing, results, tuple(run.left_out), alone, run.apart.checker.attached
-    )
-
-
-def _check(group: JointGroup, picks: Picks) -> None:
     require_type("group", group, JointGroup)
     require_type("picks", picks, Picks)
+    require_type("scene", scene, Scene)
     # arms that can move independently
     if len(group.ends) < 2:
         raise InputError("picks are allocated to several arms; for one arm use pinproof.sequence")
@@ -140,6 +128,15 @@ def _check(group: JointGroup, picks: Picks) -> None:
             )
     if not picks.picks:
         raise InputError("there are no picks to allocate")
+    # which arm executes which pick, in several tries
+    dwell, effort = (grip_dwell, release_dwell), budget or SequenceBudget()
+    run = AllocationRun(group, scene, picks, tuple(precedence), dwell, effort, progress or (lambda *_: None), rng)
+    run.judge()
+    timing, results = run.shortest()
+    alone = tuple(run.alone(name) for name in group.ends) if compare else ()
+    return AllocationResult(
+        group, scene, picks, timing, results, tuple(run.left_out), alone, run.apart.checker.attached
+    )
 
 
 def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:

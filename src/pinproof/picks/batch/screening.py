@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto
 from functools import lru_cache, partial
 from itertools import chain, groupby
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -490,26 +490,19 @@ class _Open:
     done: int = 0
 
 
-class GraspScreening:
+class GraspScreening(Screening):
     """Screens picks of a cell; safe to use from several threads. The arguments are those of :func:`screen_picks`."""
 
-    def __init__(self, cell: PickCell, *, attempts: int, rng: int, clearance: bool) -> None:
-        def screening(checker: CollisionChecker) -> Screening:
-            return Screening(checker, cell.home, attempts=attempts, rng=rng, clearance=clearance)
-
-        self._cell, self._make, self._screening = cell, screening, screening(cell.checker)
+    def __init__(self, cell: PickCell, **settings: Any) -> None:
+        super().__init__(cell.checker, cell.home, **settings)
+        self._cell, self._settings = cell, settings
         self._hand = [each for each in cell.hand if each in cell.checker.obstacles_and_links]
         self._before = np.linalg.inv(matrix(cell.arm.root_from_base))
         self._after = np.linalg.inv(matrix(cell.shared.tip))
 
-    @property
-    def complete(self) -> bool:
-        """Whether all configurations of each grasp are checked."""
-        return self._screening.complete
-
-    def poses(self, poses: Array) -> ScreenedPoses:
-        """Screen poses ``root_from_tip`` (N, 4, 4)."""
-        return self._screening.screen(self._targets(poses))
+    def targets(self, poses: Array) -> Array:
+        """``base_from_tcp`` (N, 4, 4) for poses ``root_from_tip`` (N, 4, 4)."""
+        return np.ascontiguousarray(self._before @ poses @ self._after)
 
     def picks(self, items: Sequence[Pick | PickProblem]) -> ScreenedPoses:
         """Screen picks; the grasps of a family are checked group by group until one is free."""
@@ -519,15 +512,16 @@ class GraspScreening:
             # The next group of grasps of every pick that is still open, in one call
             sizes = np.array([len(each.groups[0]) for each in left])
             owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
-            targets = self._targets(np.concatenate([each.pose @ each.groups[0] for each in left]))
-            screened = self._screening.screen(targets)
+            targets = self.targets(np.concatenate([each.pose @ each.groups[0] for each in left]))
+            screened = self.screen(targets)
             # Contact of the hand with the object is first not allowed, which needs no additional checker: a pose that
             # is free then is also free with the contact allowed
             again = [(left[owner[k]].object, int(k)) for k in np.flatnonzero(screened.codes == CONTACT)]
             with_object = sorted((name, k) for name, k in again if name is not None)
             for name, group in groupby(with_object, key=lambda each: each[0]):
                 rows = np.array([k for _, k in group])
-                allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
+                checker = self._cell.checker.allowing(*((each, name) for each in self._hand))
+                allowed = Screening(checker, self._cell.home, **self._settings)
                 screened.put(rows, allowed.screen(targets[rows]), np.arange(len(rows)))
             # The best grasp of each pick replaces that of earlier groups if its status is better
             order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
@@ -540,9 +534,6 @@ class GraspScreening:
                 each.done += len(each.groups.pop(0))
             left = [each for each in left if best.codes[each.index] != FREE and each.groups]
         return best
-
-    def _targets(self, poses: Array) -> Array:
-        return np.ascontiguousarray(self._before @ poses @ self._after)
 
     def _readable(self, items: Sequence[Pick | PickProblem]) -> Iterator[_Open]:
         for index, item in enumerate(items):
@@ -641,7 +632,7 @@ def screen_picks(
 
     def share(start: int, stop: int) -> tuple[Sequence[str], ScreenedPoses]:
         if isinstance(source, _Poses):
-            return source.names[start:stop], screening.poses(source.poses[start:stop])
+            return source.names[start:stop], screening.screen(screening.targets(source.poses[start:stop]))
         items = list(source.part(start, stop))
         return [item.name for item in items], screening.picks(items)
 

@@ -103,19 +103,9 @@ def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
 
 def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
-    end, q = task.pick.before(task.grasp(candidate.member)), candidate.q
-    into = line(Stage.APPROACH, task, task.before(candidate.member, touching=True), q, end, task.pick.approach)
-    return passing(into, task.passing(candidate.member), q)
-
-
-def passing(found: ToolLine, hand: OpenHand | None, q: Array) -> ToolLine:
-    """The line that starts at q (n,), failed if the open ``hand`` enters the object by more than is allowed."""
-    if hand is None or found.path is None or (failure := hand.prove(found.path, q)) is None:
-        return found
-    depth = {} if np.isnan(failure.depth) else {"depth": failure.depth}
-    return ToolLine(
-        StageResult(found.result.stage, False, failure.reason, {**found.result.figures, **depth}), fraction=0.0
-    )
+    member, end = candidate.member, task.pick.before(task.grasp(candidate.member))
+    around, hand = task.before(member, touching=True), task.passing(member)
+    return line(Stage.APPROACH, task, around, candidate.q, end, task.pick.approach, hand=hand)
 
 
 def line_out(task: PickTask, candidate: GraspCandidate) -> tuple[ToolLine, Pairs]:
@@ -141,8 +131,12 @@ def line(
     parting: Pairs = (),
     *,
     start: str = "the grasp",
+    hand: OpenHand | None = None,
 ) -> ToolLine:
-    """A straight line from q (n,), at ``start`` in messages, to a pose of the tip."""
+    """A straight line from q (n,), at ``start`` in messages, to a pose of the tip.
+
+    It fails if the open ``hand`` enters the object by more than is allowed.
+    """
     if length == 0:
         return ToolLine(StageResult(stage, True, "none requested"))
     # A support that is not checked against the object needs no permission for contact
@@ -166,6 +160,9 @@ def line(
     proven = f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
     message = f"{length * 1e3:.0f} mm straight line, {proven}"
     figures = {"distance": length, "clearance": move.certificate.clearance}
+    if hand is not None and (failure := hand.prove(move.path, q)) is not None:
+        depth = {} if np.isnan(failure.depth) else {"depth": failure.depth}
+        return ToolLine(StageResult(stage, False, failure.reason, {**figures, **depth}), fraction=0.0)
     return ToolLine(StageResult(stage, True, message, figures), move.path, clearance=move.certificate.observed)
 
 

@@ -13,7 +13,7 @@ from pinproof.motion import BlendedPath, CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
-from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
+from pinproof.picks.judging.lines import Attempt, Pairs, line, shifted, shortened, span
 from pinproof.picks.judging.task import PickTask, once_per_grasp, torque_limits
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning import make_planner, simplify, with_turns
@@ -280,8 +280,8 @@ def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) 
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
     # The retreat of the empty hand
-    leave = line(Stage.PLACE, task, free_hand, q, place.after(release), place.retreat, start="the release")
-    leave = passing(leave, task.passing(member, placed=True), q)
+    hand, end = task.passing(member, placed=True), place.after(release)
+    leave = line(Stage.PLACE, task, free_hand, q, end, place.retreat, start="the release", hand=hand)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))

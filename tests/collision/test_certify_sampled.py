@@ -176,6 +176,9 @@ def test_every_pair_in_contact_is_listed_in_the_order_of_time(slider, floor):
     free = audit(pp.JointPath([[0.0], [0.07]], slider.joint_names), checker, step=1e-3)
     assert free.clean
     assert free.distance == pytest.approx(0.01, abs=1e-4)
+    # On a cubic too, no joint moves farther than the step between two samples: this one has a speed of 2 at its ends.
+    swing = CubicPath(np.zeros((2, 1)), [[2.0], [-2.0]], [0.0, 1.0], slider.joint_names)
+    assert audit(swing, checker, step=1e-3, measure=False).samples >= 2001
 
 
 def test_joints_of_another_arm_and_steps_of_no_length_are_refused(arm):

@@ -43,20 +43,6 @@ def test_the_base_is_checked_against_the_scene(ur5):
     assert reasons(checker)[frozenset(("base_link", "table"))] == "allowed by the scene"
 
 
-def test_a_capsule_of_a_urdf_collides(arm_from_links):
-    """urdfdom drops <capsule> with a word on stderr; the link would then collide with nothing."""
-    robot = arm_from_links(
-        {"root": "", "pipe": '<capsule radius="0.05" length="0.4"/>', "tip": ""},
-        [("turn", "revolute", "root", "pipe", "0 0 0", "1 0 0"), ("end", "fixed", "pipe", "tip", "0 0 0.3", "1 0 0")],
-    )
-    checker = pp.CollisionChecker(
-        robot.arm(tcp="tip"), pp.Scene([pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0, 0, 0.32)))])
-    )
-    assert checker.clearance([0.0]) == pytest.approx(0.02, abs=1e-7)  # 0.32 - 0.2 - 0.05 - 0.05
-    assert checker.clearance([np.pi / 2]) == pytest.approx(0.22, abs=1e-7)
-    assert not pp.CollisionChecker(robot.arm(tcp="tip"), checker.scene, margin=0.03).is_free([0.0])
-
-
 def test_obstacles_are_never_checked_against_each_other(slider):
     pile = [pp.Obstacle(f"can_{i}", pp.Sphere(0.1), pp.pose((1, 0, 0.01 * i))) for i in range(4)]
     checker = pp.CollisionChecker(slider, pp.Scene(pile))

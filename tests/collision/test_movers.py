@@ -284,3 +284,11 @@ def test_movers_need_time_and_have_tolerances_of_their_own() -> None:
     for curve, settings, words in ((path, {}, "no timing"), (trajectory, {"obstacle_tolerance": 0.01}, "tolerance")):
         with pytest.raises(pp.InputError, match=words):
             pp.certify(curve, checker(), movers=[MOVERS["conveyor"]], **settings)
+
+
+def test_tolerances_of_several_movers_are_those_of_their_joints() -> None:
+    movers = [replace(MOVERS[name], obstacles=(part,), tolerance=tolerance)
+              for name, part, tolerance in (("conveyor", "part1", 1e-3), ("table", "part2", 2e-3))]  # fmt: skip
+    timed = with_movers(over_the_belt(0.32), checker(), movers)
+    assert timed.trajectory.joint_names[6:] == ("conveyor", "table")
+    assert timed.tolerances.tolist() == [0.0] * 6 + [1e-3, 2e-3]

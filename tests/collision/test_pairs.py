@@ -6,18 +6,18 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 import trimesh
 
 import pinproof as pp
 from pinproof.collision import sample_overlaps
 from pinproof.collision.checking.links import AS_REQUESTED, DECOMPOSED, LinkBodies, Overlaps, link_bodies, meshes_of
+from pinproof.collision.geometry.hulls import bvh
 from pinproof.description import find_robot, read_srdf
-from pinproof.description.meshes import read_mesh, resolved
 from pinproof.description.srdf import DisabledPair, Srdf
 from pinproof.errors import InputError
 
@@ -165,53 +165,18 @@ def test_a_disabled_pair_that_always_overlaps_is_left_out_with_its_share(arm_fro
 
 
 @pytest.fixture(scope="module")
-def panda_meshes(panda):
-    """The collision geometry of each link, meshes as all of their triangles."""
-    shapes = {}
-    for each in panda.robot.urdf.collisions:
-        if each.kind == "mesh":
-            mesh = read_mesh(resolved(each.mesh, each.link), each.size)
-            shape = coal.BVHModelOBBRSS()
-            shape.beginModel(len(mesh.triangles), len(mesh.vertices))
-            shape.addVertices(np.asarray(mesh.vertices, dtype=float))
-            shape.addTriangles(np.asarray(mesh.triangles, dtype=np.int64))
-            shape.endModel()
-        else:
-            shape = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder}[each.kind](*each.size)
-        shapes.setdefault(each.link, []).append((shape, pin.SE3(np.array(each.origin))))
-    return shapes
+def panda_meets(panda):
+    """Returns the pairs of links of which exact meshes meet at q, but those that a joint joins or none moves."""
+    shapes = triangles_of_links(panda, {each.link for each in panda.robot.urdf.collisions})
+    apart = {frozenset((joint.parent, joint.child)) for joint in panda.robot.urdf.joints.values()}
+    apart |= {frozenset(("panda_link7", "panda_hand")), frozenset(("panda_leftfinger", "panda_rightfinger"))}
+    pairs = [pair for pair in combinations(sorted(shapes), 2) if frozenset(pair) not in apart]
+    return lambda q: {pair for pair in pairs if triangles_meet(panda, shapes, pair, q)}
 
 
-def meshes_meet(panda, meshes, q):
-    """The pairs of links of which exact meshes meet at q, by coal, but those that a joint joins or none moves."""
-    joints = panda.robot.urdf.joints.values()
-    joined = {frozenset((joint.parent, joint.child)) for joint in joints}
-    rigid = [{"panda_link7", "panda_hand"}, {"panda_leftfinger", "panda_rightfinger"}]
-    links, placed = sorted(meshes), {}
-    for link in links:
-        at = panda.frame_placement(q, link)
-        placed[link] = [
-            (shape, coal.Transform3s((at * own).rotation, (at * own).translation)) for shape, own in meshes[link]
-        ]
-    meet = set()
-    for k, a in enumerate(links):
-        for b in links[k + 1 :]:
-            if frozenset((a, b)) in joined or {a, b} in rigid:
-                continue
-            if any(
-                coal.collide(*one, *other, coal.CollisionRequest(), coal.CollisionResult())
-                for one in placed[a]
-                for other in placed[b]
-            ):
-                meet.add((a, b))
-    return meet
-
-
-def test_exact_meshes_of_the_panda_meet_nowhere_where_it_is_free(panda, panda_meshes):
-    checker = pp.CollisionChecker(panda)
+def test_exact_meshes_of_the_panda_meet_nowhere_where_it_is_free(panda, panda_meets):
     Q = np.random.default_rng(7).uniform(panda.limits.lower, panda.limits.upper, size=(200, 7))
-    free = checker.is_free_batch(Q)
-    met = [bool(meshes_meet(panda, panda_meshes, q)) for q in Q]
+    free, met = pp.CollisionChecker(panda).is_free_batch(Q), [bool(panda_meets(q)) for q in Q]
     assert not (free & met).any()
     assert np.mean(met) > 0.05  # so that the comparison says something
     assert np.mean(free) > 0.7
@@ -225,14 +190,10 @@ def test_the_default_pairs_of_the_panda_are_checked_except_its_fingers(panda):
     assert checker.is_free(panda.home)
 
 
-def test_a_motion_of_the_panda_into_its_own_hand_is_not_free(panda, panda_meshes):
-    checker = pp.CollisionChecker(panda)
-    rng, goal = np.random.default_rng(1), None
-    for q in rng.uniform(panda.limits.lower, panda.limits.upper, size=(500, 7)):
-        if meshes_meet(panda, panda_meshes, q) == {("panda_hand", "panda_link5")}:
-            goal = q
-            break
-    certificate = pp.certify(pp.JointPath(np.array([panda.home, goal]), panda.joint_names), checker)
+def test_a_motion_of_the_panda_into_its_own_hand_is_not_free(panda, panda_meets):
+    Q = np.random.default_rng(1).uniform(panda.limits.lower, panda.limits.upper, size=(500, 7))
+    goal = next(q for q in Q if panda_meets(q) == {("panda_hand", "panda_link5")})
+    certificate = pp.certify(pp.JointPath(np.array([panda.home, goal]), panda.joint_names), pp.CollisionChecker(panda))
     assert certificate.status.name == "COLLIDING"
 
 
@@ -261,11 +222,7 @@ def open_ring(arm_from_links, mesh_file):
             ("end", "fixed", "rod", "tip", "0.1 0 0", "1 0 0"),
         ],
     ).arm(tcp="tip")
-    triangles = coal.BVHModelOBBRSS()
-    triangles.beginModel(len(ring.faces), len(ring.vertices))
-    triangles.addVertices(np.asarray(ring.vertices, dtype=float))
-    triangles.addTriangles(np.asarray(ring.faces, dtype=np.int64))
-    triangles.endModel()
+    triangles = bvh(np.array(ring.vertices), np.array(ring.faces))
     return disabled(arm, ("ring", "rod", "Default")), triangles
 
 

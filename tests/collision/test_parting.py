@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.collision import HeightMap
 from pinproof.collision.certificates.certificate import Parting
-from pinproof.collision.checking.separation import MovingBody, directions_to_facets
+from pinproof.collision.checking.separation import MovingBody, directions_to_facets, unit_vectors
 from pinproof.motion import Bezier, CubicPath
 
 from ..examples import examples
@@ -539,3 +539,11 @@ def test_a_part_of_overlapping_bodies_separates_from_a_body_under_its_hull(gantr
 def test_the_note_of_a_parting_states_a_gap_of_zero_without_a_sign() -> None:
     parting = Parting(("part", "table"), np.array([0.0, 0.0, 1.0]), -1e-9, 0.1, 0.2)
     assert "gap 0.00 mm" in str(parting)
+
+
+def test_only_unit_vectors_are_directions_of_separation() -> None:
+    """Along any other, a gap would be no distance."""
+    rows = [[0, 0, 0], [np.nan, 0, 0], [0, 0, 1], [0, 2, 0], [0, 1e-160, 0], [0, 0.5, 0], [0.6, 0, 0.8 + 4e-7]]
+    found = unit_vectors(np.array(rows, dtype=float))
+    np.testing.assert_allclose(found, [[0, 0, 1], [0.6, 0, 0.8]], atol=1e-6)
+    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0, abs=1e-15)

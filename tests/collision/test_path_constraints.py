@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.collision.certificates.path_constraints import PathConstraint
+from pinproof.collision.certificates.path_constraints import ConstraintProof, PathConstraint
 from pinproof.model import load_robot
 
 from ..examples import examples
@@ -247,3 +247,16 @@ def test_the_message_names_the_limit_that_left_a_constraint_undecided() -> None:
     assert "the tolerance of the proof was reached" in coarse.message
     kept = pp.certify(path, checker, constraints=[easy], record=True).constraints[0].evidence
     assert len(kept) >= 1
+
+
+@pytest.mark.parametrize(
+    ("constraint", "error", "text"),
+    [
+        (pp.Upright(tolerance=0.1), math.radians(1.001), "1.01 deg"),
+        (pp.Upright(tolerance=0.1), math.radians(1.25), "1.25 deg"),
+        (pp.Within.plane((0, 0, 0), (0, 0, 1), tolerance=0.1), 0.0010001, "1.001 mm"),
+        (pp.Within.plane((0, 0, 0), (0, 0, 1), tolerance=0.1), 0.0, "0.000 mm"),
+    ],
+)
+def test_a_proven_error_is_rounded_up(constraint, error: float, text: str) -> None:
+    assert text in str(ConstraintProof(constraint, error, 0.0, 1))

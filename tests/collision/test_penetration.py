@@ -132,6 +132,7 @@ def test_meshes_of_convex_bodies_are_as_deep_as_the_bodies(kinds: str) -> None:
         found = depth(one, at, other)
         assert (found.clearance > 0.0) == (true.clearance > 0.0)
         assert found.depth >= true.depth - 2e-5
+        assert found.least <= true.depth
         seen[true.clearance > 0.0] += 1
         excess.append(found.depth - true.depth)
     assert min(seen.values()) > 4

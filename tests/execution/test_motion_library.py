@@ -12,6 +12,7 @@ import pinproof as pp
 from pinproof.errors import FileError, InputError, NotProvenFree, UnknownNameError
 from pinproof.model import load_robot
 
+from ..collision.conftest import urdf_of
 from .conftest import HIGH, LOW, OTHER, timed
 
 
@@ -78,19 +79,15 @@ def test_repair_replaces_the_broken_part_only(library, blocked, swing) -> None:
 
 
 def slider(radii: tuple[float, float, float] = (0.05, 0.01, 0.01)) -> pp.Arm:
-    """A ball in the square [-1, 1]^2; the base, the slide and the ball are spheres of these radii, far apart."""
-    places, links = ("9 0 0", "9 0 1", "0 0 0"), ("base", "slide", "ball")
-    text = "".join(
-        f'<link name="{name}"><collision><origin xyz="{place}"/><geometry><sphere radius="{radius}"/></geometry>'
-        "</collision></link>"
-        for name, place, radius in zip(links, places, radii[1:] + radii[:1], strict=True)
-    )
-    for name, parent, child, axis in (("x", "base", "slide", "1 0 0"), ("y", "slide", "ball", "0 1 0")):
-        text += (
-            f'<joint name="{name}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
-            f'<axis xyz="{axis}"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
-        )
-    return load_robot(f'<robot name="slider">{text}</robot>').arm(tcp="ball")
+    """A ball in the square [-1, 1]^2; the ball, the base and the slide are spheres of these radii, far apart."""
+    ball, base, slide = (f'<sphere radius="{radius}"/>' for radius in radii)
+    links = {"base": f"{base}@9 0 0", "slide": f"{slide}@9 0 1", "ball": ball}
+    joints = [
+        ("x", "prismatic", "base", "slide", "0 0 0", "1 0 0"),
+        ("y", "prismatic", "slide", "ball", "0 0 0", "0 1 0"),
+    ]
+    text = urdf_of(links, joints, name="slider").replace('lower="-7" upper="7"', 'lower="-1" upper="1"')
+    return load_robot(text).arm(tcp="ball")
 
 
 STOPS = (-0.9, -0.5, -0.2, 0.2, 0.5, 0.9)

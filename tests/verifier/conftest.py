@@ -12,36 +12,27 @@ from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.model import load_robot
 from pinproof.verifier import body_digest, curve_digest
 
-LIMIT = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
+from ..collision.conftest import urdf_of
 
-
-def joint(name, kind, parent, child, xyz, axis, extra=""):
-    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-    return f'<joint name="{name}" type="{kind}">{ends}{LIMIT}{extra}</joint>'
-
-
-def link(name, *boxes):
-    data = "".join(
-        f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>' for size, xyz in boxes
-    )
-    return f'<link name="{name}">{data}</link>'
+CRANE = [
+    ("turn", "revolute", "base", "bar", "0 0 0", "0 0 1"),
+    ("out", "prismatic", "bar", "slide", "0.4 0 0", "1 0 0"),
+    ("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
+    ("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
+]
+"""The joints of a bar that turns, one that slides out of it, a turning hand across it, a finger that follows it."""
 
 
 @pytest.fixture(scope="session")
 def crane():
-    """A bar that turns, one that slides out of it, a turning hand across it and a finger that follows the slide."""
-    parts = [
-        link("base", ("0.1 0.1 0.1", "0 0 -0.2")),
-        link("bar", ("0.5 0.04 0.04", "0.25 0 0")),
-        link("slide", ("0.3 0.03 0.03", "0.15 0 0.1")),
-        link("hand", ("0.05 0.2 0.05", "0.1 0 0")),
-        link("finger", ("0.02 0.02 0.1", "0 0 -0.06")),
-        joint("turn", "revolute", "base", "bar", "0 0 0", "0 0 1"),
-        joint("out", "prismatic", "bar", "slide", "0.4 0 0", "1 0 0"),
-        joint("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
-        joint("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
-    ]
-    return load_robot(f'<robot name="crane">{"".join(parts)}</robot>').arm(tcp="finger")
+    links = {
+        "base": '<box size="0.1 0.1 0.1"/>@0 0 -0.2',
+        "bar": '<box size="0.5 0.04 0.04"/>@0.25 0 0',
+        "slide": '<box size="0.3 0.03 0.03"/>@0.15 0 0.1',
+        "hand": '<box size="0.05 0.2 0.05"/>@0.1 0 0',
+        "finger": '<box size="0.02 0.02 0.1"/>@0 0 -0.06',
+    }
+    return load_robot(urdf_of(links, CRANE, name="crane")).arm(tcp="finger")
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ from pinproof.model import load_robot
 from pinproof.motion import CubicPath
 from pinproof.verifier import body_digest, curve_digest
 
+from ..collision.conftest import urdf_of
+
 SPECIAL = [0, 0.0, -0.0, 1, -1, 2, True, None, "1", "", [], {}, [0.0], float("nan"), float("inf"), -float("inf"),
            5e-324, -5e-324, 2.2e-308, 1e-300, 1e-17, 1e-9, 1e6, -1e6, 1e12, 1e308, 2**31, 2**53 + 1, -(2**63),
            2**63, 10**30, np.pi, 2 * np.pi, 1e3]  # fmt: skip
@@ -25,20 +27,17 @@ SPECIAL = [0, 0.0, -0.0, 1, -1, 2, True, None, "1", "", [], {}, [0.0], float("na
 
 def robot(name, joints):
     """A chain of (kind, axis, xyz of the joint, collision geometry behind it, extra elements)."""
-    limit = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
-    text = '<link name="base"/>'
-    parent = "base"
-    for k, (kind, axis, xyz, shape, extra) in enumerate(joints):
-        child = f"link{k}"
-        text += f'<link name="{child}"><collision>{shape}</collision></link>'
-        ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
-        text += f'<joint name="joint{k}" type="{kind}">{ends}{limit}{extra}</joint>'
-        parent = child
-    return load_robot(f'<robot name="{name}">{text}</robot>').arm(tcp=parent)
+    links = {"base": "", **{f"link{k}": shape for k, (_, _, _, shape, _) in enumerate(joints)}}
+    parents = list(links)
+    rows = [
+        (f"joint{k}", kind, parents[k], f"link{k}", xyz, axis, extra)
+        for k, (kind, axis, xyz, _, extra) in enumerate(joints)
+    ]
+    return load_robot(urdf_of(links, rows, name=name)).arm(tcp=parents[-1])
 
 
 def box(size, xyz="0 0 0"):
-    return f'<origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry>'
+    return f'<box size="{size}"/>@{xyz}'
 
 
 def proven(arm, scene, curve, **settings):
@@ -75,7 +74,7 @@ def small_proofs():
         [
             ("revolute", "0 1 0", "0 0 0", box("0.05 0.05 0.3", "0 0 0.2"), ""),
             ("prismatic", "0 0 1", "0 0 0.4", box("0.04 0.04 0.2", "0 0.05 0.1"), ""),
-            ("revolute", "0.6 0 0.8", "0 0 0.2", '<geometry><sphere radius="0.05"/></geometry>', ""),
+            ("revolute", "0.6 0 0.8", "0 0 0.2", '<sphere radius="0.05"/>', ""),
             ("prismatic", "1 0 0", "0 0 0.1", box("0.02 0.1 0.02"), '<mimic joint="joint1" multiplier="-0.5"/>'),
         ],
     )

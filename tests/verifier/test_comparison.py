@@ -16,8 +16,9 @@ from pinproof.motion import CubicPath
 from pinproof.verifier import Proof, body_digest, curve_digest, verify
 from pinproof.verifier.__main__ import main
 
+from ..collision.conftest import urdf_of
 from ..collision.exact_cells import cell
-from .conftest import joint, link
+from .conftest import CRANE
 
 SHIFT = 1e-5
 
@@ -251,18 +252,11 @@ def offset(request):
 
     In the second case only a prismatic joint moves, so that no error of others adds to the bounds.
     """
-    parts = [
-        *(link(name) for name in ("base", "bar", "slide", "hand", "finger", "tip")),
-        joint("turn", "revolute", "base", "bar", "0 0 0.3", "0 0 1"),
-        joint("out", "prismatic", "bar", "slide", "0.4 0 0", "1 0 0"),
-        joint("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
-        joint("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
-        (
-            '<joint name="end" type="fixed"><parent link="finger"/><child link="tip"/>'
-            '<origin xyz="0.1 0.25 0.2" rpy="0.4 -0.3 0.2"/></joint>'
-        ),
-    ]
-    arm = pp.load_robot(f'<robot name="offset">{"".join(parts)}</robot>').arm(tcp=request.param)
+    (name, kind, parent, child, _, axis), *rest = CRANE
+    raised = (name, kind, parent, child, "0 0 0.3", axis)
+    end = ("end", "fixed", "finger", "tip", '0.1 0.25 0.2" rpy="0.4 -0.3 0.2', "1 0 0")
+    links = dict.fromkeys(("base", "bar", "slide", "hand", "finger", "tip"), "")
+    arm = pp.load_robot(urdf_of(links, [raised, *rest, end], name="offset")).arm(tcp=request.param)
     points = np.array([[-0.6, 0.0, 0.0], [0.3, 2.5, 0.8], [0.3, -1.0, 0.8], [1.4, -1.0, 2.8]])
     if request.param == "slide":
         points = points[:, :2] * [0.0, 1.0]

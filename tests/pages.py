@@ -39,6 +39,7 @@ PATIENCE = 1800.0
 """Time limit of a program in seconds; far longer than any program needs on a busy machine."""
 
 Compare = Callable[["Block", str], None]
+RunBlock = Callable[[str, Path, "dict[str, object]"], str]
 Run = Callable[..., tuple[int, str, str]]
 """The type of ``run_main``."""
 
@@ -68,12 +69,15 @@ def commands(block: Block) -> Iterator[tuple[list[str], int]]:
             yield words, int(code[1]) if code else 0
 
 
-def run_page(page: Path, folder: Path, compare: Compare | None = None) -> dict[str, object]:
+def run_page(
+    page: Path, folder: Path, compare: Compare | None = None, run: RunBlock | None = None
+) -> dict[str, object]:
     """Run the blocks of a page, and return the names that its Python blocks define.
 
     ``compare`` is called with every ``text`` block and the actual output; by default it asserts that they agree.
+    ``run`` runs a Python block, and returns what it prints.
     """
-    compare, page = compare or same, page.resolve()
+    compare, run, page = compare or same, run or run_python, page.resolve()
     names: dict[str, object] = {"__name__": page.stem}
     printed = ""
     with reader_folder(folder):
@@ -82,7 +86,7 @@ def run_page(page: Path, folder: Path, compare: Compare | None = None) -> dict[s
             if block.language == "python":
                 # Leading blank lines make the line numbers of a traceback those of the page.
                 source = "\n" * block.line + block.text
-                printed = run_program(source, where) if PROGRAM in source else run_python(source, page, names)
+                printed = run_program(source, where) if PROGRAM in source else run(source, page, names)
             elif block.language == "sh":
                 printed = "".join(run_command(words, code, where) for words, code in commands(block))
             elif block.language == "text":

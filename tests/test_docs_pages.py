@@ -5,13 +5,15 @@ from __future__ import annotations
 import ast
 import contextlib
 import io
+import os
+import re
 from pathlib import Path
 
 import pytest
 
 import pinproof as pp
 
-from .pages import ROOT, blocks, reader_folder, run_page, run_python
+from .pages import ROOT, blocks, commands, reader_folder, run_command, run_page, run_python
 
 DOCS = ROOT / "docs"
 PAGES = sorted(
@@ -70,3 +72,99 @@ def test_the_pictures_of_the_manual_are_small() -> None:
     sizes = {picture.name: picture.stat().st_size for picture in DOCS.rglob("*.png")}
     assert {"bisection.png", "first_page.png"} <= set(sizes)
     assert {name: size for name, size in sizes.items() if size > 200_000} == {}
+
+
+# The README runs exactly as printed.
+
+
+README = ROOT / "README.md"
+
+
+def test_every_block_is_python_or_shell() -> None:
+    assert {block.language for block in blocks(README)} == {"python", "sh"}
+
+
+@pytest.mark.slow
+def test_python_blocks_run_in_order(tmp_path: Path) -> None:
+    names: dict[str, object] = {"__name__": "readme"}
+    with reader_folder(tmp_path):
+        for block in blocks(README, "python"):
+            run_python("\n" * block.line + block.text, README, names)
+    assert (tmp_path / "pick.html").stat().st_size > 0
+
+
+@pytest.mark.slow
+def test_command_lines_run_in_order(tmp_path: Path) -> None:
+    with reader_folder(tmp_path):
+        for block in blocks(README, "sh"):
+            for words, code in commands(block):
+                if words == ["pip", "install", "."]:
+                    assert (ROOT / "pyproject.toml").is_file()  # tests/test_packaging.py installs the package
+                else:
+                    run_command(words, code, f"README.md, line {block.line}")
+
+
+def test_linked_files_exist() -> None:
+    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", README.read_text(encoding="utf-8"))
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_named_scripts_are_executable() -> None:
+    named = set(re.findall(r"`\./(scripts/\w+)", README.read_text(encoding="utf-8")))
+    assert {name for name in named if os.access(ROOT / name, os.X_OK)} == named != set()
+
+
+def test_readme_has_at_most_120_lines() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 120
+
+
+# tests/pages.py runs pages, and fails on wrong output, exit codes and unknown blocks.
+
+
+PRINTS = "```python\nprint(1 + 1)\n```\n\n"
+
+
+def run_text(text: str, folder: Path) -> dict[str, object]:
+    page = folder / "page.md"
+    page.write_text(text, encoding="utf-8")
+    reader = folder / "reader"
+    reader.mkdir()
+    (reader / "robots").mkdir()  # avoids the copy of robots/
+    return run_page(page, reader)
+
+
+def test_blocks_share_names_and_files(tmp_path: Path) -> None:
+    file = "`sub/one.txt`:\n\n```yaml\nx: 1\n```\n\n```python\nfrom pathlib import Path\n```\n\n"
+    reading = "```python\nread = Path('sub/one.txt').read_text()\nprint(read)\n```\n\n```text\nx: ...\n```\n"
+    names = run_text(file + reading, tmp_path)
+    assert names["read"] == "x: 1\n"
+
+
+def test_wrong_output_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 5 (?s:.*)3\n(?s:.*)2"):
+        run_text(PRINTS + "```text\n3\n```\n", tmp_path)
+
+
+def test_output_is_that_of_the_block_before_it(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 9 (?s:.*)2\n(?s:.*)\n$"):
+        run_text(PRINTS + "```python\nx = 1\n```\n\n```text\n2\n```\n", tmp_path)
+
+
+def test_a_block_without_a_file_name_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 1: .*yaml"):
+        run_text("```yaml\nx: 1\n```\n", tmp_path)
+
+
+def test_a_command_of_another_program_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="'rm -r robots'"):
+        run_text("```sh\nrm -r robots\n```\n", tmp_path)
+
+
+@pytest.mark.parametrize(("comment", "passes"), [("", True), ("  # exit code 1", False)])
+def test_the_exit_code_must_be_the_stated_one(comment: str, passes: bool, tmp_path: Path) -> None:
+    text = f"```sh\npinproof --version{comment}\n```\n"
+    if passes:
+        run_text(text, tmp_path)
+    else:
+        with pytest.raises(AssertionError, match="exit code 0"):
+            run_text(text, tmp_path)

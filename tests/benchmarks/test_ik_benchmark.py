@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.ik import BENCHMARK, success_rates
-from benchmarks.ik_methods import OWN_METHODS, PARTS, IkMethod, Part, PreparedMethod
-from benchmarks.ik_peers import PEERS
+from benchmarks.ik_methods import OWN_METHODS, PARTS, PERIOD, IkMethod, Part, PreparedMethod
+from benchmarks.ik_peers import PEERS, TIP, chain_urdf, screw_axes
 from benchmarks.ik_run import (
     COLUMNS,
+    check_answers,
     ik_benchmark,
     ik_tables,
     measured_row,
@@ -21,10 +22,12 @@ from benchmarks.ik_run import (
     smooth_targets,
     with_reduced_ranges,
 )
-from benchmarks.tables import Results, Row
+from benchmarks.ik_steps import METHODS, step_sizes
+from benchmarks.tables import NotApplicableError, Results, Row
 
 import pinproof as pp
-from pinproof.errors import FileError, InputError
+from pinproof.errors import ConversionError, FileError, InputError
+from pinproof.model import load_robot
 
 POINTS = 20
 
@@ -257,3 +260,219 @@ def test_tracking_has_a_row_for_the_trajectory_only(table: Results) -> None:
     assert row.success == 1.0
     arm = pp.load_robot("ur5").arm()
     assert row.largest_step <= 1e-3 * arm.limits.velocity.max()
+
+
+# An answer is correct only inside the limits and within the tolerance, by Pinocchio's forward kinematics.
+
+
+@pytest.fixture(scope="module")
+def arm() -> pp.Arm:
+    return with_reduced_ranges(pp.load_robot("ur5").arm())
+
+
+def checked(arm: pp.Arm, answers: np.ndarray, task: str = "pose", tolerance: float = 1e-6):
+    return check_answers(arm, random_targets(arm, len(answers), 0).poses, answers, task, tolerance)
+
+
+def true_answers(arm: pp.Arm, count: int = 4) -> np.ndarray:
+    return random_targets(arm, count, 0).q[:, None].copy()
+
+
+def test_the_configuration_that_generated_a_target_is_correct(arm: pp.Arm) -> None:
+    found = checked(arm, true_answers(arm))
+    assert found.success == 1.0
+    assert found.false_positives == 0
+    assert found.errors[:, 0].max() < 1e-12
+
+
+def test_an_answer_one_full_rotation_outside_the_limits_is_a_false_positive(arm: pp.Arm) -> None:
+    answers = true_answers(arm)
+    answers[0, 0, 5] += 2 * np.pi
+    found = checked(arm, answers)
+    assert found.correct.tolist() == [False, True, True, True]
+    assert found.false_positives == 1
+
+
+def test_the_error_of_an_answer_is_measured(arm: pp.Arm) -> None:
+    answers = true_answers(arm)
+    answers[:, 0, 5] += 2e-6  # the last joint rotates the TCP by the same angle
+    answers = np.clip(answers, arm.limits.lower, arm.limits.upper)
+    found = checked(arm, answers)
+    np.testing.assert_allclose(found.errors[:, 1], 2e-6, rtol=1e-3)
+    assert found.success == 0.0
+    assert checked(arm, answers, tolerance=1e-5).success == 1.0
+
+
+def test_the_position_task_ignores_the_rotation_only(arm: pp.Arm) -> None:
+    answers = true_answers(arm)
+    answers[:, 0, 5] *= 0.5
+    found = checked(arm, answers, "position")
+    assert found.correct.tolist() == (found.errors[:, 0] <= 1e-6).tolist()
+    assert found.errors[:, 1].max() == 0.0
+
+
+def test_no_answer_is_a_failure_and_not_a_false_positive(arm: pp.Arm) -> None:
+    answers = true_answers(arm)
+    answers[1] = np.nan
+    found = checked(arm, answers)
+    assert found.answered.tolist() == [True, False, True, True]
+    assert (found.success, found.false_positives) == (0.75, 0)
+
+
+def test_an_answer_with_some_nan_is_wrong(arm: pp.Arm) -> None:
+    answers = true_answers(arm)
+    answers[2, 0, 3] = np.nan
+    found = checked(arm, answers)
+    assert found.false_positives == 1
+    assert np.isinf(found.errors[2, 0])
+
+
+def test_all_branches_must_be_correct(arm: pp.Arm) -> None:
+    good = true_answers(arm)
+    bad, none = good + 0.1, np.full_like(good, np.nan)
+    assert checked(arm, np.concatenate([good, none], axis=1)).success == 1.0
+    assert checked(arm, np.concatenate([good, bad], axis=1)).false_positives == 4
+
+
+# Other libraries receive a chain with the same forward kinematics and limits.
+
+
+ROBOTS = ("ur5", "panda", "stanford", "kinova", "puma560", "scara")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_chain_urdf_has_the_kinematics_of_the_arm(name: str) -> None:
+    arm = pp.load_robot(name).arm()
+    chain = load_robot(chain_urdf(arm)).arm(TIP)
+    assert list(chain.joint_names) == list(arm.joint_names)
+    q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), (50, arm.dof))
+    np.testing.assert_allclose(chain.forward_kinematics_batch(q), arm.forward_kinematics_batch(q), atol=1e-12)
+    np.testing.assert_array_equal(chain.limits.lower, arm.limits.lower)
+    np.testing.assert_array_equal(chain.limits.upper, arm.limits.upper)
+
+
+def test_the_product_of_the_screws_is_the_pose() -> None:
+    arm = pp.load_robot("ur5").arm()
+    axes, q = screw_axes(arm), np.array([0.3, -1.2, 1.4, -0.5, 0.7, 0.2])
+    rotation, position = np.eye(3), np.zeros(3)
+    for offset, direction, angle in zip(axes.offsets[:-1], axes.directions, q, strict=True):
+        position = position + rotation @ offset
+        x, y, z = direction
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        rotation = rotation @ (np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+    pose = arm.forward_kinematics(q)
+    np.testing.assert_allclose(position + rotation @ axes.offsets[-1], pose.translation, atol=1e-12)
+    np.testing.assert_allclose(rotation @ axes.base_from_tcp[:3, :3], pose.rotation, atol=1e-12)
+
+
+def test_the_geometry_is_recognised() -> None:
+    ur5, puma = (screw_axes(pp.load_robot(name).arm()) for name in ("ur5", "puma560"))
+    assert ur5.parallel(1, 2, 3)
+    assert not ur5.parallel(0, 1)
+    assert ur5.intersecting(3, 4, 5) is None
+    moved = puma.intersecting(3, 4, 5)
+    assert moved is not None
+    np.testing.assert_allclose(moved.offsets[4:6], 0.0, atol=1e-6)
+    np.testing.assert_allclose(moved.offsets.sum(axis=0), puma.offsets.sum(axis=0), atol=1e-12)
+
+
+def test_the_points_of_the_axes_are_the_positions_of_the_joints() -> None:
+    """By these points, ssik recognises the spherical wrist of the Puma: its last two joints are at the same point."""
+    np.testing.assert_allclose(screw_axes(pp.load_robot("puma560").arm()).offsets[5], 0.0, atol=1e-9)
+
+
+def test_parallel_axes_do_not_intersect() -> None:
+    assert screw_axes(pp.load_robot("ur5").arm()).intersecting(1, 2) is None
+
+
+def test_mimic_joints_are_refused() -> None:
+    text = """<robot name="coupled"><link name="a"/><link name="b"/><link name="c"/>
+      <joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+      <joint name="two" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/><mimic joint="one"/>
+        <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+    arm = load_robot(text).arm("c")
+    with pytest.raises(NotApplicableError, match="mimic"):
+        screw_axes(arm)
+    with pytest.raises(ConversionError, match="mimic"):
+        chain_urdf(arm)
+
+
+# Targets are reachable, inside the limits, reproducible, and smooth along a trajectory.
+
+
+WITH_TARGETS = ("ur5", "panda", "kinova", "scara")
+
+
+@pytest.mark.parametrize("name", WITH_TARGETS)
+@pytest.mark.parametrize("make", [random_targets, smooth_targets])
+def test_targets_are_poses_of_configurations_inside_the_limits(name: str, make) -> None:
+    arm = with_reduced_ranges(pp.load_robot(name).arm())
+    targets = make(arm, 30, 3)
+    assert all(arm.limits.contains(q) for q in [*targets.q, targets.start])
+    np.testing.assert_array_equal(targets.poses, arm.forward_kinematics_batch(targets.q))
+
+
+@pytest.mark.parametrize("make", [random_targets, smooth_targets])
+def test_targets_depend_on_the_seed(make) -> None:
+    arm = pp.load_robot("panda").arm()
+    np.testing.assert_array_equal(make(arm, 9, 1).q, make(arm, 9, 1).q)
+    assert np.abs(make(arm, 9, 1).q - make(arm, 9, 2).q).max() > 0.1
+
+
+@pytest.mark.parametrize("name", WITH_TARGETS)
+def test_the_trajectory_keeps_the_velocity_limits_and_moves_every_joint(name: str) -> None:
+    arm = with_reduced_ranges(pp.load_robot(name).arm())
+    q = smooth_targets(arm, 10_000, 0).q
+    speed = np.abs(np.diff(q, axis=0)).max(axis=0) / PERIOD
+    assert (speed <= np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)).all()
+    assert (np.ptp(q, axis=0) > 0).all()
+
+
+def test_only_ranges_wider_than_one_rotation_are_reduced() -> None:
+    ur5 = pp.load_robot("ur5").arm()
+    assert ur5.limits.upper.max() > 6.0
+    np.testing.assert_allclose(with_reduced_ranges(ur5).limits.upper, np.pi, atol=1e-8)
+    np.testing.assert_allclose(with_reduced_ranges(ur5).limits.lower, -np.pi, atol=1e-8)
+    panda, kinova = (pp.load_robot(name).arm() for name in ("panda", "kinova"))
+    np.testing.assert_array_equal(with_reduced_ranges(panda).limits.upper, panda.limits.upper)
+    unbounded = np.isinf(kinova.limits.upper)
+    assert unbounded.any()
+    assert np.isinf(with_reduced_ranges(kinova).limits.upper[unbounded]).all()
+
+
+# Near a singularity the steps of the plain inverse grow without bound, and damped steps do not.
+
+
+@pytest.fixture(scope="module")
+def steps():
+    return step_sizes(pp.load_robot("ur5").arm())
+
+
+def test_the_wrist_of_the_ur5_moves_into_the_singularity(steps) -> None:
+    assert steps.joint == "wrist_2_joint"
+    assert (np.diff(steps.smallest) <= 0).all()
+    assert steps.smallest[0] > 0.1
+    assert steps.smallest[-1] < 1e-8
+    assert set(steps.steps) == set(METHODS)
+
+
+def test_the_plain_inverse_grows_as_the_singular_value_falls(steps) -> None:
+    near = (steps.smallest < 1e-3) & (steps.smallest > 1e-7)
+    product = (steps.steps["inverse"] * steps.smallest)[near]
+    np.testing.assert_allclose(product, product[0], rtol=0.05)
+    assert np.nanmax(steps.steps["inverse"]) > 1e4
+
+
+def test_far_from_the_singularity_the_undamped_methods_agree(steps) -> None:
+    assert steps.steps["pseudo-inverse"][0] == pytest.approx(steps.steps["inverse"][0], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["damped least squares", "CLIK"])
+def test_damped_steps_stay_bounded(steps, name: str) -> None:
+    assert steps.steps[name].max() <= np.sqrt(6) * pp.Clik().max_step
+    assert steps.steps[name][-1] < 0.1
+
+
+def test_an_arm_with_seven_joints_has_no_step_sizes() -> None:
+    assert step_sizes(pp.load_robot("panda").arm()) is None

@@ -2,7 +2,7 @@
 
 The wheel contains the compiled core of the checkout. That the distribution would compile to the same core is shown
 without compiling it again: its files are those of the checkout, CMake accepts them, and the core states their hash. The
-clean environment has links to the installed dependencies; that they can be installed is shown in test_resolution.py.
+clean environment has links to the installed dependencies; that they can be installed is shown below.
 """
 
 from __future__ import annotations
@@ -23,10 +23,12 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+import pinproof as pp
 from pinproof import _core
 from pinproof.core_import import source_hash
 
-ROOT = Path(__file__).parents[1]
+from .pages import ROOT, blocks
+from .processes import PATIENCE
 
 SMOKE = ROOT / "tests" / "smoke.py"
 
@@ -132,3 +134,114 @@ def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path)
     assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4
     assert report["written"] == ["pick.html", "pick.json"]
     assert (tmp_path / "pick.html").stat().st_size > 0
+
+
+# For every supported Python, all requirements are available as wheels, so that no compiler is needed.
+
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = ("dask", "sensor", "xacro")
+REQUIRED = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra])]
+
+
+def resolve(requirements: list[str], *words: str, **settings: str) -> subprocess.CompletedProcess[str]:
+    """Let uv resolve requirements from wheels only, whatever is installed, and print one line for each package."""
+    command = [
+        sys.executable,
+        "-m",
+        "uv",
+        "pip",
+        "compile",
+        "--only-binary",
+        ":all:",
+        "--no-header",
+        "--no-annotate",
+        "-",
+    ]
+    environment = {**os.environ, "UV_PYTHON_DOWNLOADS": "never", **settings}
+    listed = "\n".join(requirements)
+    return subprocess.run(
+        [*command, *words], input=listed, capture_output=True, text=True, check=False, env=environment
+    )
+
+
+@pytest.fixture(scope="module")
+def index() -> None:
+    """Skip unless the package index is reachable."""
+    if resolve(["typer"], "--no-deps", "--refresh", UV_HTTP_RETRIES="0", UV_HTTP_TIMEOUT="15").returncode:
+        pytest.skip("the package index is not reachable")
+
+
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
+def test_all_requirements_have_wheels(python: str, index: None) -> None:
+    assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
+    done = resolve(REQUIRED, "--python-version", python)
+    assert done.returncode == 0, done.stderr
+    assert {"pin", "coal", "numpy", "distributed"} <= {line.partition("==")[0] for line in done.stdout.splitlines()}
+
+
+def test_a_requirement_without_a_wheel_is_noticed(index: None) -> None:
+    done = resolve(["pin==2.6.3"], "--python-version", "3.13")
+    assert done.returncode != 0
+    assert "no wheels" in done.stderr
+
+
+def test_each_requirement_has_a_lowest_version() -> None:
+    assert [one for one in REQUIRED if ">=" not in one] == []
+
+
+# The chapter on the installation agrees with pyproject.toml, and ``python -m pinproof`` is the command line.
+
+
+PAGE = ROOT / "docs" / "installation.md"
+
+
+def project_text() -> str:
+    return (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+
+
+def test_the_page_names_the_versions_of_python_that_the_package_names() -> None:
+    stated = re.findall(r"Python :: (3\.\d+)", project_text())
+    (row,) = re.findall(r"^\| Python \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert re.findall(r"3\.\d+", row) == stated
+    assert f'requires-python = ">={stated[0]}"' in project_text()
+
+
+def test_the_page_names_every_extra_and_no_other() -> None:
+    section = project_text().partition("[project_text.optional-dependencies]")[2].partition("\n[")[0]
+    named = re.findall(r"^\| `(\w+)` \| `pip install '\.\[(\w+)\]'`", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert {extra for extra, _ in named} == set(re.findall(r"^(\w+) = \[", section, re.MULTILINE))
+    assert all(extra == installed for extra, installed in named)
+
+
+def test_the_commands_of_the_page_exist(tmp_path: Path) -> None:
+    for block in blocks(PAGE, "sh"):
+        for script in re.findall(r"^\./(scripts/\w+)", block.text, re.MULTILINE):
+            assert (ROOT / script).is_file()
+
+
+def test_the_dockerfile_of_the_page_has_known_instructions_and_starts_the_command() -> None:
+    (dockerfile,) = blocks(PAGE, "dockerfile")
+    lines = dockerfile.text.replace("\\\n", " ").splitlines()
+    assert [line.split()[0] for line in lines] == ["FROM", "RUN", "COPY", "RUN", "WORKDIR", "ENTRYPOINT"]
+    version = re.match(r"FROM python:(3\.\d+)-slim", lines[0])
+    assert version is not None
+    assert f"Python :: {version[1]}" in project_text()
+    assert re.search(r'^pinproof = "pinproof\.cli', project_text(), re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_the_package_runs_as_a_module(tmp_path: Path) -> None:
+    def run_package(*words: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "pinproof", *words]
+        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=PATIENCE)
+
+    assert run_package("--version").stdout == f"pinproof {pp.__version__}\n"
+    wrong = run_package("fk", "ur55")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert wrong.stderr.startswith("pinproof: unknown robot 'ur55'")

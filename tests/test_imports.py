@@ -1,4 +1,4 @@
-"""A missing or outdated compiled core is one clear error, which names the command that provides it."""
+"""``import pinproof`` is quick: measured by what it loads, not by a clock."""
 
 from __future__ import annotations
 
@@ -12,6 +12,72 @@ import pytest
 
 from pinproof import _core, core_import
 from pinproof.core_import import core_problem, source_hash
+
+SLOW = {
+    "coal",
+    "distributed",
+    "matplotlib",
+    "meshcat",
+    "pinocchio",
+    "scipy",
+    "toppra",
+    "trimesh",
+    "typer",
+}
+# Every package that computes kinematics or collisions requires these.
+FOUNDATION = {"coal", "pinocchio"}
+
+
+def loaded_by(code: str) -> set[str]:
+    """The slow libraries that a fresh interpreter has loaded after running ``code``."""
+    probe = f"{code}\nimport sys\nprint(*{SLOW!r}.intersection(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+@pytest.mark.slow
+def test_importing_the_package_loads_nothing_slow() -> None:
+    assert loaded_by("import pinproof") == set()
+
+
+@pytest.mark.slow
+def test_importing_the_packages_loads_only_their_requirements() -> None:
+    packages = [
+        "errors",
+        "description",
+        "model",
+        "conversion",
+        "motion",
+        "ik",
+        "collision",
+        "planning",
+        "viewer",
+        "picks",
+        "cell",
+    ]
+    assert loaded_by("; ".join(f"import pinproof.{package}" for package in packages)) <= FOUNDATION
+
+
+@pytest.mark.slow
+def test_using_a_name_loads_only_what_it_needs() -> None:
+    assert loaded_by("import pinproof; pinproof.PinproofError") == set()
+    assert loaded_by("import pinproof; pinproof.pose()") <= FOUNDATION
+
+
+@pytest.mark.slow
+def test_the_probe_detects_a_slow_library() -> None:
+    assert "scipy" in loaded_by("import scipy")
+
+
+@pytest.mark.slow
+def test_help_of_the_command_line_loads_no_kinematics() -> None:
+    heavy = SLOW - {"typer"}
+    assert loaded_by("import pinproof.cli.main") & heavy == set()
+
+
+# A missing or outdated compiled core is one clear error, which names the command that provides it.
+
 
 ROOT = Path(__file__).parents[1]
 

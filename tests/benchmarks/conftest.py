@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
+from benchmarks.__main__ import main
 
 ARM = [f"panda_joint{k}" for k in range(1, 8)]
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
@@ -56,3 +58,17 @@ def mbm(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 def mbm_files() -> SimpleNamespace:
     """Functions that write such files: ``request(...)``, ``scene(box_at)``, and ``write(...)`` for both."""
     return SimpleNamespace(request=request_data, scene=scene, write=write_problem, start=START, goal=GOAL)
+
+
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs ``./scripts/benchmark WORDS`` in this process, and returns what it prints."""
+
+    def run(*words: str) -> str:
+        monkeypatch.setattr("sys.argv", ["benchmark", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code
+        return capsys.readouterr().out
+
+    return run

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.__main__ import TOPICS
 from benchmarks.collision import BENCHMARK, boxes, collision_benchmark
 from benchmarks.collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
 from benchmarks.plain_coal import PlainCoal
@@ -150,8 +152,11 @@ def test_scenes_and_edges_are_the_same_for_the_same_seed() -> None:
 
 
 @pytest.mark.slow
-def test_the_script_prints_the_table() -> None:
-    command = [str(ROOT / "scripts" / "benchmark"), "collision", "--only-edges", "5"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "| all | 5 |" in done.stdout
+def test_the_command_prints_the_table(printed: Callable[..., str]) -> None:
+    assert "| all | 5 |" in printed("collision", "--only-edges", "5")
+
+
+@pytest.mark.slow
+def test_the_script_lists_its_topics() -> None:
+    done = subprocess.run([ROOT / "scripts" / "benchmark"], capture_output=True, text=True, check=True)
+    assert set(TOPICS) <= set(done.stdout.split())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -172,40 +173,32 @@ def test_without_a_known_group_the_arm_ends_at_the_last_joint_of_the_goal(mbm: P
     assert problem.arm.tcp == "panda_link7"
 
 
-def test_a_goal_without_a_value_for_a_joint_is_refused(mbm_files: SimpleNamespace, tmp_path: Path) -> None:
-    request = mbm_files.request()
-    request["goal_constraints"][0]["joint_constraints"].pop()
-    mbm_files.write(tmp_path / "box_panda", 1, request, [1, 1, 1])
-    with pytest.raises(FileError, match=r"goal_constraints: .*panda_joint1"):
-        next(read_problems(find_sets(tmp_path)[0]))
-
-
 def test_a_robot_with_other_joints_is_refused(mbm: Path) -> None:
     with pytest.raises(FileError, match=r"panda_joint1, .*'ur5'"):
         next(read_problems(find_sets(mbm, "ur5")[0]))
 
 
+MOVED = {"transforms": [{"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}]}
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"goal_constraints": []}, "goal_constraints"),
-        ({"goal_constraints": [{"position_constraints": [{}]}]}, "position_constraints"),
-        ({"goal_constraints": 3}, "MotionPlanRequest"),
-        ({"start_state": {"joint_state": {"name": ["a"], "position": []}}}, "MotionPlanRequest"),
+        (lambda request: request.update(goal_constraints=[]), "goal_constraints"),
+        (lambda request: request.update(goal_constraints=[{"position_constraints": [{}]}]), "position_constraints"),
+        (lambda request: request.update(goal_constraints=3), "MotionPlanRequest"),
+        (lambda request: request["goal_constraints"][0]["joint_constraints"].pop(), "goal_constraints: .*panda_joint1"),
+        (lambda request: request["start_state"].update(joint_state={"name": ["a"], "position": []}), "MotionPlanReq"),
+        (lambda request: request["start_state"].update(multi_dof_joint_state=MOVED), "floating joint"),
     ],
 )
-def test_invalid_requests_are_refused(change: dict, named: str, mbm_files: SimpleNamespace, tmp_path: Path) -> None:
-    mbm_files.write(tmp_path / "box_panda", 1, {**mbm_files.request(), **change}, [1, 1, 1])
-    with pytest.raises(FileError, match=named):
-        next(read_problems(find_sets(tmp_path)[0]))
-
-
-def test_a_moved_base_is_refused(mbm_files: SimpleNamespace, tmp_path: Path) -> None:
+def test_invalid_requests_are_refused(
+    change: Callable[[dict], object], named: str, mbm_files: SimpleNamespace, tmp_path: Path
+) -> None:
     request = mbm_files.request()
-    moved = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
-    request["start_state"]["multi_dof_joint_state"] = {"transforms": [moved]}
+    change(request)
     mbm_files.write(tmp_path / "box_panda", 1, request, [1, 1, 1])
-    with pytest.raises(FileError, match="floating joint"):
+    with pytest.raises(FileError, match=named):
         next(read_problems(find_sets(tmp_path)[0]))
 
 

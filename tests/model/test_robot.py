@@ -7,6 +7,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,25 +39,19 @@ def test_frames_of_a_dh_table_are_not_tools(tmp_path):
     assert pp.load_robot(tmp_path / "r.urdf").arm().tcp == "tool0"
 
 
-@pytest.mark.parametrize("kinds", [("revolute", "fixed", "fixed"), ("revolute", "revolute")])
-def test_tcp_is_never_guessed(kinds):
-    with pytest.raises(pp.InputError, match=r"tcp=.*left"):
-        two_tips(kinds).arm()
-
-
-def test_tcp_without_a_moving_joint_is_refused():
-    with pytest.raises(pp.InputError, match="no joint moves"):
-        two_tips().arm(tcp="left", base="arm")
-
-
-def test_base_behind_the_tcp_is_refused():
-    with pytest.raises(pp.InputError, match="is not on the path"):
-        two_tips().arm(tcp="left", base="right")
-
-
-def test_floating_joint_on_the_chain_is_refused():
-    with pytest.raises(pp.InputError, match="floating"):
-        two_tips(("floating", "revolute")).arm(tcp="left")
+@pytest.mark.parametrize(
+    ("kinds", "ends", "named"),
+    [
+        (("revolute", "fixed", "fixed"), {}, r"tcp=.*left"),  # a tcp is never guessed
+        (("revolute", "revolute"), {}, r"tcp=.*left"),
+        (("revolute", "fixed", "fixed"), {"tcp": "left", "base": "arm"}, "no joint moves"),
+        (("revolute", "fixed", "fixed"), {"tcp": "left", "base": "right"}, "is not on the path"),
+        (("floating", "revolute"), {"tcp": "left"}, "floating"),
+    ],
+)
+def test_ends_of_no_arm_are_refused(kinds, ends, named):
+    with pytest.raises(pp.InputError, match=named):
+        two_tips(kinds).arm(**ends)
 
 
 def test_base_that_the_arm_itself_moves_through_a_mimic_joint_is_refused():
@@ -98,27 +93,20 @@ def test_panda_arm_is_a_chain_without_its_fingers():
     assert pp.load_robot("panda").arm().dof == 7
 
 
-def test_unknown_robot_names_the_catalogue():
-    with pytest.raises(pp.UnknownNameError, match="valid: ur5"):
-        pp.load_robot("ur55")
-
-
-def test_file_of_another_kind_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(pp.errors.UrdfError, match="ends in"):
-        pp.load_robot(tmp_path / "robot.sdf")
-    with pytest.raises(pp.errors.UrdfError, match="is a folder"):
-        pp.load_robot(tmp_path)
-
-
-def test_one_package_folder_without_a_list_is_refused(tmp_path):
-    for folder in (tmp_path, str(tmp_path)):
-        with pytest.raises(pp.InputError, match="package_dirs must be a list"):
-            pp.load_robot("ur5", package_dirs=folder)
-
-
-def test_missing_package_folder_is_refused(tmp_path):
-    with pytest.raises(pp.FileError, match="pakages: is not a folder"):
-        pp.load_robot("ur5", package_dirs=[tmp_path / "pakages"])
+@pytest.mark.parametrize(
+    ("source", "settings", "error", "named"),
+    [
+        ("ur55", {}, pp.UnknownNameError, "valid: ur5"),
+        (Path("robot.sdf"), {}, pp.errors.UrdfError, "ends in"),
+        (Path(), {}, pp.errors.UrdfError, "is a folder"),
+        ("ur5", {"package_dirs": Path()}, pp.InputError, "package_dirs must be a list"),
+        ("ur5", {"package_dirs": "."}, pp.InputError, "package_dirs must be a list"),
+        ("ur5", {"package_dirs": [Path("pakages")]}, pp.FileError, "pakages: is not a folder"),
+    ],
+)
+def test_what_is_no_robot_or_no_folder_of_packages_is_refused(source, settings, error, named):
+    with pytest.raises(error, match=named):
+        pp.load_robot(source, **settings)
 
 
 # Loading robots from DH tables, and saving their URDF.

@@ -1,15 +1,13 @@
-"""Textbook cases, end to end. The position-only target and the stretched arm are in tests/ik/test_clik.py."""
+"""The pick of the textbook, end to end.
+
+Its other cases are in ik/test_clik.py and, the position at zero, in conversion/test_dh_to_urdf.py.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 import pinproof as pp
-
-
-def test_the_tool_of_the_generic_arm_at_zero_is_at_the_position_of_the_textbook() -> None:
-    arm = pp.load_robot("generic_6dof").arm()
-    np.testing.assert_allclose(arm.forward_kinematics(np.zeros(6)).translation, [0.65, -0.30, 0.33], atol=1e-12)
 
 
 def test_the_pick_succeeds_with_the_elbow_that_does_not_collide_with_the_table() -> None:

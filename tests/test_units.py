@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import warnings
 from pathlib import Path
 
@@ -115,23 +116,19 @@ def run(monkeypatch, capsys):
     return call
 
 
-def test_the_command_line_refuses_an_orientation_in_degrees(run):
-    code, _, err = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "180 0 0")
-    assert code == 2
-    assert "180 degrees = 3.14159 rad" in err
-
-
-def test_the_command_line_notes_joint_values_in_degrees(run):
-    code, out, err = run("fk", "ur5", "--q", "0 -90 90 -90 -90 0")
-    assert code == 0
-    assert "-90 degrees = -1.5708 rad" in err
+@pytest.mark.parametrize(
+    ("words", "code", "stream", "hint"),
+    [
+        ("ik ur5 --xyz '0.4 0.1 0.3' --rpy '180 0 0'", 2, "err", "180 degrees = 3.14159 rad"),
+        ("ik ur5 --xyz '400 100 300' --rpy 'pi 0 0'", 1, "out", "looks like millimetres"),
+        ("fk ur5 --q '0 -90 90 -90 -90 0'", 0, "err", "-90 degrees = -1.5708 rad"),
+    ],
+)
+def test_the_command_line_reports_numbers_in_other_units(run, words, code, stream, hint):
+    ended, out, err = run(*shlex.split(words))
+    assert ended == code
+    assert hint in {"out": out, "err": err}[stream]
     assert "Warning" not in out + err
-
-
-def test_the_command_line_hints_at_a_target_in_millimetres(run):
-    code, out, _ = run("ik", "ur5", "--xyz", "400 100 300", "--rpy", "pi 0 0")
-    assert code == 1
-    assert "looks like millimetres" in out
 
 
 def test_the_command_line_notes_a_scene_in_millimetres(run, tmp_path):

@@ -213,7 +213,7 @@ def test_the_page_names_the_versions_of_python_that_the_package_names() -> None:
 
 
 def test_the_page_names_every_extra_and_no_other() -> None:
-    section = project_text().partition("[project_text.optional-dependencies]")[2].partition("\n[")[0]
+    section = project_text().partition("[project.optional-dependencies]")[2].partition("\n[")[0]
     named = re.findall(r"^\| `(\w+)` \| `pip install '\.\[(\w+)\]'`", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert {extra for extra, _ in named} == set(re.findall(r"^(\w+) = \[", section, re.MULTILINE))
     assert all(extra == installed for extra, installed in named)

@@ -68,11 +68,6 @@ def test_comparison_is_saved(tmp_path, report) -> None:
     assert len((tmp_path / "comparison.csv").read_text().splitlines()) == 4
 
 
-def test_reports_on_different_picks_are_refused(report) -> None:
-    with pytest.raises(pp.UnknownNameError, match="unturned"):
-        compare(report, replace(report, verdicts=report.verdicts[:2]))
-
-
 @pytest.mark.slow
 def test_proven_tolerance_contains_no_collision(report) -> None:
     study = tolerance_study(report, position=0.001, rotation=0.01, samples=4, largest=3.0)
@@ -120,15 +115,14 @@ def test_workers_do_not_change_a_study(report) -> None:
         assert tolerance_study(report, samples=3, executor=executor).to_dict() == one.to_dict()
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
+def test_reports_on_different_picks_and_invalid_tolerances_are_refused(report) -> None:
+    with pytest.raises(pp.UnknownNameError, match="unturned"):
+        compare(report, replace(report, verdicts=report.verdicts[:2]))
+    for settings, named in (
         ({"position": 0.0, "rotation": 0.0}, "both 0"),
         ({"rotation": 2.0}, "radians"),
         ({"distribution": "gauss"}, "normal"),
         ({"position": -1.0}, "position"),
-    ],
-)
-def test_invalid_tolerances_are_refused(report, settings: dict[str, object], words: str) -> None:
-    with pytest.raises(pp.InputError, match=words):
-        tolerance_study(report, **settings)  # type: ignore[arg-type]
+    ):
+        with pytest.raises(pp.InputError, match=named):
+            tolerance_study(report, **settings)  # type: ignore[arg-type]

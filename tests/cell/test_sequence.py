@@ -31,10 +31,7 @@ def random_problem(jobs: int, options: int, pairs: int, seed: int) -> TourProble
     rng = np.random.default_rng(seed)
     job = np.repeat(np.arange(jobs), options)
     at, to = rng.uniform(0, 1, (2, len(job), 2))
-    reasons = {}
-    for _ in range(pairs):
-        a, b = sorted(rng.choice(jobs, 2, replace=False).tolist())
-        reasons[a, b] = "stated"
+    reasons = {tuple(sorted(rng.choice(jobs, 2, replace=False).tolist())): "stated" for _ in range(pairs)}
     names = tuple(f"p{k}" for k in range(jobs))
     between = np.linalg.norm(to[:, None] - at[None], axis=2)
     start, end = np.linalg.norm(at, axis=1), np.linalg.norm(to, axis=1)
@@ -306,14 +303,12 @@ def test_order_that_failed_motions_suggest_does_not_raise_the_lower_bound(monkey
 
 @pytest.mark.slow
 def test_interrupted_search_returns_the_certified_beginning() -> None:
-    setup, picks = tray_cell(STACK, PALLET)
-
     def stop(work: str, done: int, _: int) -> None:
         if work == "motions" and done == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(pp.errors.RunInterrupted) as caught:
-        pp.sequence(setup, picks, progress=stop)
+        pp.sequence(*tray_cell(STACK, PALLET), progress=stop)
     result = caught.value.result
     assert (len(result.steps), result.interrupted, result.complete) == (2, True, False)
     assert all(motion.certificate.free for motion in result.motions)

@@ -90,8 +90,7 @@ def rows_there(folder, made) -> list[int]:
 
 @pytest.mark.parametrize(("chunk", "in_flight"), [(1, 1), (1, 16), (8, 1), (8, 16), (120, 3), (None, 8)])
 def test_only_the_faulty_picks_are_marked_as_crashed(campaign, tmp_path, chunk, in_flight) -> None:
-    made = campaign("ends_on_7_and_100")
-    result = made.run(tmp_path, executor=Fragile, chunk=chunk, in_flight=in_flight)
+    result = campaign("ends_on_7_and_100").run(tmp_path, executor=Fragile, chunk=chunk, in_flight=in_flight)
     assert crashed(result) == [7, 100]
     reasons = {row["reason"] for row in result.rows() if row["verdict"] == "crashed"}
     assert reasons == {KILLED}

@@ -324,15 +324,6 @@ def test_impossible_is_reported_only_if_no_seed_finds_a_path(arms) -> None:
     assert not checker.is_free_batch(found.q).any()
 
 
-def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(ur5) -> None:
-    verdict = alone(ur5, replace(PICK, approach=0.9), remedies=SUGGESTIONS)
-    assert outcome(verdict) == (IMPOSSIBLE, Stage.APPROACH)
-    proposed = suggested(verdict, "shorten the approach").apply(replace(PICK, approach=0.9)).approach
-    assert 0.3 < proposed < 0.9
-    assert alone(ur5, replace(PICK, approach=proposed)).failed is not Stage.APPROACH
-    assert alone(ur5, replace(PICK, approach=proposed + 0.02)).failed is Stage.APPROACH
-
-
 def test_a_target_out_of_reach_is_refuted_but_a_sample_of_a_family_proves_nothing(ur5, arms) -> None:
     far = replace(PICK, pose=pp.pose((3, 0, 0.2), DOWN))
     assert outcome(alone(arms["panda"], far)) == (IMPOSSIBLE, Stage.REACH)  # also of seven joints

@@ -76,15 +76,12 @@ def test_good(arm, pick) -> None:
     assert 0 <= verdict.grasp_time < verdict.trajectory.duration
 
 
-def test_reach(arm) -> None:
+def test_reach_and_limits(arm, pick) -> None:
     verdict = judge_one(arm, pp.Pick("far", pp.pose((3, 0, 0.5))))
     assert verdict.failed is Stage.REACH
     assert verdict.configurations == 0
     # No arm of these is longer than 1.3 m: the miss is measured, and it is honest.
     assert 1700 < float(verdict.reason.split(" mm")[0].split()[-1]) < 3000
-
-
-def test_limits(arm, pick) -> None:
     names, home = arm.joint_names, arm.home
     near = {name: (float(q) - 0.1, float(q) + 0.1) for name, q in zip(names, home, strict=True)}
     verdict = judge_one(arm.with_limits(arm.limits.replace(names, near)), pick)
@@ -103,10 +100,16 @@ def test_grasp(arm, pick) -> None:
 
 
 @pytest.mark.slow
-def test_approach_out_of_reach(arm, pick) -> None:
+def test_approach_out_of_reach_or_retreat_blocked(arm, pick) -> None:
     verdict = judge_one(arm, replace(pick, approach=4.0))
     assert verdict.failed is Stage.APPROACH
     assert verdict.reason.startswith("4000 mm path, planned outwards from the grasp, stops at ")
+    aside = pick.pose.rotation[:, 0]
+    post = ball("post", pick.pose.translation + 0.16 * aside, 0.05)
+    assert judge_one(arm, replace(pick, retreat_direction=tuple(-aside)), post).ok
+    verdict = judge_one(arm, replace(pick, retreat=0.16, retreat_direction=tuple(aside)), post)
+    assert verdict.failed is Stage.RETREAT
+    assert "post" in verdict.reason
 
 
 def test_approach_blocked(arms) -> None:
@@ -124,16 +127,6 @@ def test_approach_blocked(arms) -> None:
     assert figures["distance"] == 0.1
     assert 0.02 < figures["possible"] < 0.1
     assert int(100 * figures["possible"] / 0.1) == share
-
-
-@pytest.mark.slow
-def test_retreat_blocked(arm, pick) -> None:
-    aside = pick.pose.rotation[:, 0]
-    post = ball("post", pick.pose.translation + 0.16 * aside, 0.05)
-    assert judge_one(arm, replace(pick, retreat_direction=tuple(-aside)), post).ok
-    verdict = judge_one(arm, replace(pick, retreat=0.16, retreat_direction=tuple(aside)), post)
-    assert verdict.failed is Stage.RETREAT
-    assert "post" in verdict.reason
 
 
 def test_transit_walled_in(arm) -> None:

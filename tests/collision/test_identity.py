@@ -15,7 +15,7 @@ from pinproof.collision.certificates.certificate import (
     body_digest,
     changes_since,
     missing_since,
-    notes_of,
+    setup_of,
 )
 from pinproof.collision.certificates.reuse import setup_differences
 from pinproof.motion import MotionRecord
@@ -162,13 +162,13 @@ def other_arm(of: pp.CollisionChecker, **ends: str) -> pp.CollisionChecker:
 
 
 def test_notes_name_the_held_joints_and_what_is_not_checked(setup: pp.CollisionChecker) -> None:
-    (held,) = [note for note in notes_of(setup) if "held" in note]
+    (held,) = [note for note in setup_of(setup).notes if "held" in note]
     assert all(f"{name} = {value}" in held for name, value in {**HELD, FINGERS[1]: 0.01}.items())
     names = [f"ball_{k}" for k in range(7)]
     cloud = pp.PointCloud([[0.0, 0.0, 9.0]], 0.1)
     for count in (6, 7):
         many = tuple(pp.Obstacle(name, cloud, pp.pose()) for name in names[:count])
-        (note,) = [note for note in notes_of(checker(obstacles=many)) if "point cloud" in note]
+        (note,) = [note for note in setup_of(checker(obstacles=many)).notes if "point cloud" in note]
         assert note.startswith(", ".join(names[:6]) + (": " if count == 6 else ", ... (7 in all): "))
 
 

@@ -14,8 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.collision import read_points
-from pinproof.collision.certificates.certificate import notes_of
+from pinproof.collision import read_points, setup_of
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.depth_image import read_image
 from pinproof.collision.geometry.occupancy import FREE, SEEN
@@ -286,7 +285,7 @@ def test_points_that_are_not_finite_are_dropped_and_counted():
     assert (len(cloud.points), cloud.dropped) == (2, 2)
     assert pickle.loads(pickle.dumps(cloud)).dropped == 2
     checker = pp.CollisionChecker(pp.load_robot("ur5").arm(), pp.Scene([pp.Obstacle("seen", cloud)]))
-    assert any("2 points that are not finite are dropped" in note for note in notes_of(checker))
+    assert any("2 points that are not finite are dropped" in note for note in setup_of(checker).notes)
 
 
 def test_a_cloud_without_a_finite_point_is_refused():

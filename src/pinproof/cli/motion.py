@@ -60,7 +60,7 @@ def check(
     pairs = f"clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs"
     lines = [*outside, *map(str, result.contacts)]
     lines.append(f"{'free' if ok else 'not free'}: {pairs if checker.pairs else 'no pair of bodies is checked'}")
-    assumptions = pp.collision.notes_of(checker)
+    assumptions = pp.collision.setup_of(checker).notes
     notes = filter(None, [*assumptions, pp.collision.overlap_hint(checker, configuration, result)])
     lines += [f"note: {note}" for note in notes]
     data |= {"pairs": len(checker.pairs), "notes": assumptions}

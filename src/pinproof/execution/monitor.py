@@ -34,10 +34,8 @@ from pinproof.collision import (
     Certificate,
     CollisionChecker,
     certify,
-    checked_hash,
     is_proven_free,
-    mesh_files,
-    notes_of,
+    setup_of,
 )
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_positive, require_type
@@ -222,15 +220,15 @@ class Monitor(Shown):
         same = False
         if given is not None:
             require_type("certificate", given, Certificate)
-            files = mesh_files(checker)
-            if given.curve != trajectory.digest() or given.setup != checked_hash(checker, files):
+            setup = setup_of(checker)
+            if given.curve != trajectory.digest() or given.setup != setup.hash:
                 raise InputError("the certificate is for another motion or another setup; certify this motion")
             given.or_raise()
             if given.partings or given.tube is None:
                 raise InputError("a certificate with pairs that may touch at the start covers no tube")
             # The hash of the setup contains neither the contacts that a checker allows nor its link meshes.
             pairs = given.pairs, given.excluded, given.notes
-            same = pairs == (len(checker.pairs), tuple(checker.excluded), notes_of(checker, files))
+            same = pairs == (len(checker.pairs), tuple(checker.excluded), setup.notes)
         # the wanted tolerance, by default the covered one; a certificate for another one is replaced
         covered = np.zeros(checker.group.dof) if given is None or given.tube is None else given.tube.joints
         default = JOINT_TOLERANCE if given is None else covered

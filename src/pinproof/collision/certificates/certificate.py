@@ -59,106 +59,90 @@ def curve_hash(curve: Curve) -> str:
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
-class Identity(NamedTuple):
-    """The hashes of a curve and of the setup of its checker, and the notes about the setup."""
+class Setup(NamedTuple):
+    """What a certificate states about the setup of its checker."""
 
-    curve: str
-    setup: str
+    hash: str
+    """The hash of the setup; if a mesh file was changed after the checker read it, it matches no setup."""
     notes: tuple[str, ...]
+    """The assumptions of the verdicts, in sentences: replaced meshes, held joints, links that are not checked."""
 
 
-def identity_of(curve: Curve, checker: CollisionChecker) -> Identity:
-    """Return what a certificate of a curve states about the curve and the setup."""
+@dataclass
+class _KnownSetup:
+    """What is known of the setup of a checker while its mesh files are unchanged: one motion may need many proofs."""
+
+    paths: list[str | None]  # the mesh files of robot, attached objects and obstacles; None for a mesh without a file
+    read: list[FileStamp]  # the files when the checker read them
+    notes: list[str]
+    held: list[str]  # the note on held joints, which is the last one
+    stamps: tuple[FileStamp | None, ...] | None = None  # the present files for which the hash holds
+    hash: str = ""
+
+
+_known: WeakKeyDictionary[CollisionChecker, _KnownSetup] = WeakKeyDictionary()
+
+
+def setup_of(checker: CollisionChecker) -> Setup:
+    """Return the hash of the setup of a checker with its present mesh files, each examined once, and the notes on it.
+
+    Excluded pairs are listed in the attribute ``excluded`` of the checker, each with its reason.
+    """
     examined = EXAMINED.get()
-    known = None if examined is None else examined.setups.get(checker)
+    if examined is not None and checker in examined.setups:
+        return Setup(*examined.setups[checker])
+    known = _known.get(checker)
     if known is None:
-        files = mesh_files(checker)
-        known = checked_hash(checker, files), notes_of(checker, files)
-        if examined is not None:
-            examined.setups[checker] = known
-    return Identity(curve_hash(curve), *known)
+        known = _known[checker] = _known_setup(checker)
+    now = {
+        path: present_stamp(path) for path in {*known.paths, *(file.path for file in known.read)} if path is not None
+    }
+    stamps = tuple(None if path is None else now[path] for path in known.paths)
+    changed = tuple(file for file in known.read if now[file.path] != file)
+    if known.stamps != stamps:
+        known.stamps, known.hash = stamps, checker.spec.setup_hash()
+    digest = hashlib.sha256(repr((known.hash, changed)).encode()).hexdigest() if changed else known.hash
+    files = [Path(file.path).name for file in changed]
+    about_files = [f"{_some(files)}: changed after the checker read it; create a new checker"] if files else []
+    setup = Setup(digest, tuple(dict.fromkeys((*known.notes, *about_files, *known.held))))
+    if examined is not None:
+        examined.setups[checker] = setup
+    return setup
 
 
-class MeshFiles(NamedTuple):
-    """The present state of the mesh files of a checker."""
-
-    stamps: tuple[FileStamp | None, ...]  # of robot, attached objects and obstacles; None for a mesh without a file
-    changed: tuple[FileStamp, ...]  # those that were changed since the checker read them
-
-
-_meshes: WeakKeyDictionary[CollisionChecker, tuple[list[str | None], list[FileStamp]]] = WeakKeyDictionary()
-"""The paths of the meshes of each checker, and the stamps of the files that it read."""
-
-_setups: WeakKeyDictionary[CollisionChecker, tuple[tuple[FileStamp | None, ...], str]] = WeakKeyDictionary()
-"""The hash of the setup of each checker, with the mesh files for which it holds: one motion may need many proofs."""
-
-
-def mesh_files(checker: CollisionChecker) -> MeshFiles:
-    """Return the present state of the mesh files of a checker; each file is examined once."""
-    known = _meshes.get(checker)
-    if known is None:
-        urdf, objects = checker.group.robot.urdf, (*checker.attached, *checker.scene.obstacles)
-        paths: list[str | Path | None] = [each.mesh.path for each in urdf.collisions if each.mesh is not None]
-        paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
-        read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
-        known = _meshes[checker] = [None if path is None else os.fspath(path) for path in paths], list(read)
-    named, read_files = known
-    now = {path: present_stamp(path) for path in {*named, *(file.path for file in read_files)} if path is not None}
-    stamps = tuple(None if path is None else now[path] for path in named)
-    return MeshFiles(stamps, tuple(file for file in read_files if now[file.path] != file))
-
-
-def checked_hash(checker: CollisionChecker, files: MeshFiles) -> str:
-    """Return the hash of the setup of a checker, whose present files are given.
-
-    If a mesh file was changed after the checker read it, the hash matches no setup.
-    """
-    known = _setups.get(checker)
-    if known is None or known[0] != files.stamps:
-        known = _setups[checker] = files.stamps, checker.spec.setup_hash()
-    digest, changed = known[1], files.changed
-    return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
-
-
-_notes: WeakKeyDictionary[CollisionChecker, tuple[list[str], list[str]]] = WeakKeyDictionary()
-"""The notes on each checker before and after those on changed files."""
-
-
-def notes_of(checker: CollisionChecker, files: MeshFiles | None = None) -> tuple[str, ...]:
-    """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
-
-    Excluded pairs are listed in the attribute ``excluded`` of the checker, each with its reason. ``files`` are the
-    present mesh files, which are examined by default.
-    """
-    if checker not in _notes:
-        arm, notes = checker.group, list(checker.scene.notes)
-        # Bodies and pairs with one remark are listed together.
-        by_remark: dict[str, dict[str, None]] = {}
-        for body in checker.bodies:
-            if body.remark:
-                by_remark.setdefault(body.remark, {})[body.owner] = None
-        for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
-            if isinstance(thing.shape, OccupancyGrid):
-                by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
-        notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
-        how: dict[str, list[str]] = {}
-        for pair in checker.finer:
-            how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
-        notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
-        # A link that is drawn, but has no collision geometry, is not checked.
-        solid = {body.link for body in checker.bodies if body.owner == body.link}
-        if not solid:
-            notes.append("the robot has no collision geometry, so its links are not checked")
-        elif arm.robot.has_generated_bodies:
-            notes.append(GENERATED_BODIES)
-        elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
-            notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
-        held = [f"{name} = {value:g}" for name, value in arm.held.items()]
-        _notes[checker] = notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else []
-    before, after = _notes[checker]
-    changed = [Path(file.path).name for file in (files or mesh_files(checker)).changed]
-    about_files = [f"{_some(changed)}: changed after the checker read it; create a new checker"] if changed else []
-    return tuple(dict.fromkeys((*before, *about_files, *after)))
+def _known_setup(checker: CollisionChecker) -> _KnownSetup:
+    """Return the mesh files of a checker and the notes on it."""
+    arm, notes, objects = checker.group, list(checker.scene.notes), (*checker.attached, *checker.scene.obstacles)
+    # Bodies and pairs with one remark are listed together.
+    by_remark: dict[str, dict[str, None]] = {}
+    for body in checker.bodies:
+        if body.remark:
+            by_remark.setdefault(body.remark, {})[body.owner] = None
+    for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
+        if isinstance(thing.shape, OccupancyGrid):
+            by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
+    notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
+    how: dict[str, list[str]] = {}
+    for pair in checker.finer:
+        how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
+    notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
+    # A link that is drawn, but has no collision geometry, is not checked.
+    solid = {body.link for body in checker.bodies if body.owner == body.link}
+    if not solid:
+        notes.append("the robot has no collision geometry, so its links are not checked")
+    elif arm.robot.has_generated_bodies:
+        notes.append(GENERATED_BODIES)
+    elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
+        notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
+    held = [f"{name} = {value:g}" for name, value in arm.held.items()]
+    paths: list[str | Path | None] = [each.mesh.path for each in arm.robot.urdf.collisions if each.mesh is not None]
+    paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
+    return _KnownSetup(
+        [None if path is None else os.fspath(path) for path in paths],
+        list(dict.fromkeys(body.file for body in checker.bodies if body.file is not None)),
+        notes,
+        [f"joints outside the arm are held fixed: {_some(held)}"] if held else [],
+    )
 
 
 def _some(names: Sequence[str]) -> str:

@@ -23,13 +23,14 @@ from pinproof.collision.certificates.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
-    Identity,
     MotionTube,
     ProofLimits,
+    Setup,
     UndecidedSpan,
     changes_since,
+    curve_hash,
     free_sentence,
-    identity_of,
+    setup_of,
 )
 from pinproof.collision.certificates.parting import prove_parting
 from pinproof.collision.certificates.path_constraints import (
@@ -279,7 +280,7 @@ def certify(
         if not parting:
             return _CurveProof(curve, checker, each, constraints).run()
         # The hashes and notes of a part are those of the complete curve, which prove_parting states.
-        unnamed = Identity("", "", ())
+        unnamed = "", Setup("", ())
         return prove_parting(
             curve,
             checker,
@@ -319,7 +320,7 @@ class KnownPairs(NamedTuple):
     proven: float  # lower bound (m) of their distances on the curve, obstacles displaced by their tolerance
     joint_tube: float  # rad or m by which all joints could deviate with the proof of the known pairs still valid
     obstacle_tube: float  # metres by which all obstacles could be displaced
-    identity: Identity  # of the complete checker
+    identity: tuple[str, Setup]  # the hash of the curve, and the setup of the complete checker
     evidence_with: Callable[[Array], Array]  # the evidence (K, 7) of all pairs from that of the rest
 
 
@@ -353,7 +354,7 @@ class _CurveProof:
         constraints: Sequence[PathConstraint],
         known: KnownPairs | None = None,
         *,
-        identity: Identity | None = None,
+        identity: tuple[str, Setup] | None = None,
     ) -> None:
         self._curve, self._checker, self._constraints, self._known = curve, checker, constraints, known
         self._limits, self._identity = limits, identity
@@ -499,13 +500,13 @@ class _CurveProof:
     ) -> Certificate:
         checker, state, known = self._checker, self._state, self._known
         free = status is CertificateStatus.FREE
-        curve, setup, notes = identity_of(self._curve, checker) if self._identity is None else self._identity
+        curve, setup = self._identity or (curve_hash(self._curve), setup_of(checker))
         # The evidence and the differences from the certification that the file of the motion records.
         evidence = state.evidence if self._limits.record else None
         if evidence is not None and known is not None:
             evidence = known.evidence_with(evidence)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
-        found = changes_since(records, checker, curve, setup, self._constraints)
+        found = changes_since(records, checker, curve, setup.hash, self._constraints)
         changes = (f"the file of the motion states: {each}" for each in found)
         return Certificate(
             status=status,
@@ -520,8 +521,8 @@ class _CurveProof:
             excluded=tuple(checker.excluded),
             tolerance=self._settings.tolerance,
             curve=curve,
-            setup=setup,
-            notes=(*notes, *changes),
+            setup=setup.hash,
+            notes=(*setup.notes, *changes),
             tube=MotionTube(
                 read_only(self._limits.joints),
                 self._limits.obstacles,

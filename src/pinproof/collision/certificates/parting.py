@@ -24,8 +24,9 @@ from pinproof.collision.certificates.certificate import (
     Parting,
     ProofLimits,
     UndecidedSpan,
+    curve_hash,
     free_sentence,
-    identity_of,
+    setup_of,
 )
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.placed_bodies import Distance
@@ -425,14 +426,14 @@ def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
     """Return the verdict ``last`` on a part, which follows proven parts, as the verdict on the complete curve."""
-    own, setup, notes = identity_of(curve, checker)
+    setup = setup_of(checker)
     return replace(
         last,
         observed=min(certificate.observed for certificate in (*before, last)),
         intervals=sum(certificate.intervals for certificate in (*before, last)),
         pairs=len(checker.pairs),
         excluded=tuple(checker.excluded),
-        curve=own,
-        setup=setup,
-        notes=notes,
+        curve=curve_hash(curve),
+        setup=setup.hash,
+        notes=setup.notes,
     )

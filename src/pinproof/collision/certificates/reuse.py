@@ -11,14 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinproof.collision.certificates.certificate import (
-    Certificate,
-    Identity,
-    ProofLimits,
-    checked_hash,
-    mesh_files,
-    notes_of,
-)
+from pinproof.collision.certificates.certificate import Certificate, ProofLimits, setup_of
 from pinproof.collision.certificates.certify import TOLERANCES, KnownPairs, certify, prove_rest, with_limits
 from pinproof.collision.certificates.proof_file import EVIDENCE_DISTANCE, EVIDENCE_PAIR, final_evidence
 from pinproof.collision.checking.checker import CollisionChecker
@@ -85,8 +78,7 @@ class SetupChange:
         self.kept_after = np.array([k for _, k in kept], dtype=np.int64)
         self.rest = after.without_pairs(self.kept_after.tolist())
         self._rest_pairs = np.setdiff1d(np.arange(len(after.pairs)), self.kept_after)
-        files = mesh_files(after)
-        self._setup = checked_hash(after, files), notes_of(after, files)
+        self._setup = setup_of(after)
         self._moved = np.array([after.bodies[after.pairs[k][1]].link is None for k in self.kept_after], dtype=bool)
         self._required = after.margins[self.kept_after] + max(after.rounding - before.rounding, 0.0)
 
@@ -119,7 +111,7 @@ class SetupChange:
             proven=float((lowest - obstacles * self._moved).min(initial=np.inf)) - more,
             joint_tube=max(proof.joint_tube - more, 0.0) if more else proof.joint_tube,
             obstacle_tube=max(proof.obstacle_tube - more, 0.0),
-            identity=Identity(proof.certificate.curve, *self._setup),
+            identity=(proof.certificate.curve, self._setup),
             evidence_with=evidence_with,
         )
 

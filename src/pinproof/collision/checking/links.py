@@ -126,17 +126,16 @@ GEOMETRIES_KEPT = 512
 """Number of collision geometries of links whose hulls and primitive shapes are kept."""
 
 
+@lru_cache(maxsize=GEOMETRIES_KEPT)
+def _bodies_of_file(geometry: LinkGeometry, how: LinkMeshes, _stamp: FileStamp | None) -> tuple[Body, ...]:
+    return tuple(replace(body, source=geometry.name) for body in link_bodies(geometry, how))
+
+
 def _kept_bodies(geometry: LinkGeometry, how: LinkMeshes) -> Sequence[Body]:
     """Return :func:`link_bodies` with their source; checkers of one robot share all bodies that are convex."""
-    if geometry.kind == "mesh" and how in ("mesh", "surface"):
-        return [replace(body, source=geometry.name) for body in link_bodies(geometry, how)]
     stamp = None if geometry.mesh is None else FileStamp.of(resolved(geometry.mesh, geometry.link))
-    return _convex_bodies(geometry, how, stamp)
-
-
-@lru_cache(maxsize=GEOMETRIES_KEPT)
-def _convex_bodies(geometry: LinkGeometry, how: LinkMeshes, _stamp: FileStamp | None) -> tuple[Body, ...]:
-    return tuple(replace(body, source=geometry.name) for body in link_bodies(geometry, how))
+    exact = geometry.kind == "mesh" and how in ("mesh", "surface")
+    return (_bodies_of_file.__wrapped__ if exact else _bodies_of_file)(geometry, how, stamp)
 
 
 class LinkBodies:

@@ -297,17 +297,15 @@ def _remark(shape: Shape, solid: Inside | None) -> str:
         return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free{lost}"
     if isinstance(shape, OccupancyGrid):
         return shape.remark
-    return (
-        ""
-        if solid is None or solid.watertight
-        else "not watertight, so only its surface is checked: a body that is entirely inside is not detected"
-    )
+    if solid is None or solid.watertight:
+        return ""
+    return "not watertight, so only its surface is checked: a body that is entirely inside is not detected"
 
 
-def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:
+def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3) -> Body:
     """Return a body of a link: a convex hull that contains ``points`` (V, 3), which may be flat."""
     geometry, box, support, _ = _piece(points)
-    return Body(name, link, link, geometry, link_from_body, box, support, remark=remark)
+    return Body(name, link, link, geometry, link_from_body, box, support)
 
 
 Made = tuple[Any, Array, Support | None, Inside | None]

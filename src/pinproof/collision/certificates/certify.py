@@ -243,6 +243,7 @@ def certify(
     UnknownNameError
         If ``parting`` names an unknown body.
     """
+    # The settings, each by itself: budgets, the tolerance of each joint, limits.
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
     require_curve(curve, checker)
@@ -255,10 +256,10 @@ def certify(
                 f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or "
                 "more"
             )
-    # What cannot be combined is refused.
     if limits is not None and not isinstance(limits, JointLimits) and limits != "arm":
         raise InputError(f"limits must be JointLimits, 'arm' or None, not {limits!r:.80}")
     own_limits = checker.group.limits if limits == "arm" else limits
+    # What cannot be combined is refused. Movers are further joints of a larger group, whose motion is then proven.
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
     constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
@@ -279,15 +280,12 @@ def certify(
     def certified(each: ProofLimits) -> Certificate:
         if not parting:
             return _CurveProof(curve, checker, each, constraints).run()
-        # The hashes and notes of a part are those of the complete curve, which prove_parting states.
-        unnamed = "", Setup("", ())
-        return prove_parting(
-            curve,
-            checker,
-            parting,
-            lambda part, rest: _CurveProof(part, rest, each, constraints, identity=unnamed).run(),
-            each,
-        )
+        unnamed = "", Setup("", ())  # of a part: prove_parting states those of the complete curve
+
+        def of_part(part: Curve, rest: CollisionChecker) -> Certificate:
+            return _CurveProof(part, rest, each, constraints, identity=unnamed).run()
+
+        return prove_parting(curve, checker, parting, of_part, each)
 
     certificate = _at_finer_tolerances(certified, settings)
     # The constraints are those of the arm, whose joints come before those of the movers.

@@ -1,7 +1,5 @@
 """CLIK: textbook cases, verified solutions, residuals of failures, bounded steps, repeatable results."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np
@@ -82,9 +80,9 @@ def test_singular_targets_are_reached(ur5, joints):
 @pytest.mark.parametrize("joints", [[2], [4], [2, 4]])
 def test_steps_away_from_a_singular_start_are_found(ur5, joints):
     q0 = np.array([0.4, -1.1, 1.3, -0.7, 0.9, 0.2])
-    goal = q0.copy()
+    target = ur5.forward_kinematics(q0)
     q0[joints] = 0.0
-    assert pp.Clik().solve(ur5, ur5.forward_kinematics(goal), q0=q0).ok
+    assert pp.Clik().solve(ur5, target, q0=q0).ok
 
 
 def test_steps_of_a_stretched_arm_stay_bounded_for_an_unreachable_target(planar):
@@ -129,13 +127,6 @@ def test_failed_search_respects_limits_and_names_the_joint(planar):
     assert "joint j1 is at its upper limit" in result.message
 
 
-def test_a_target_with_a_joint_exactly_at_its_limit_is_found(planar):
-    arm = planar("-1 1", "-1 1")
-    result = pp.Clik().solve(arm, arm.forward_kinematics([1.0, -1.0]), q0=[-0.5, 0.5])
-    assert result.ok
-    assert arm.limits.contains(result.q)
-
-
 def test_panda_joint_6_beyond_pi_is_found(panda):
     q = panda.home
     q[5] = 3.7
@@ -159,11 +150,15 @@ def test_solution_at_q0_takes_no_step(ur5):
     assert np.array_equal(result.q, q0)
 
 
-def test_q0_outside_the_limits_is_moved_within_them(planar):
-    arm = planar("-1 1", "-4 4")
-    result = pp.Clik().solve(arm, arm.forward_kinematics([0.9, 1.0]), q0=[1.5, 1.0 + 2 * np.pi])
-    assert result.ok
-    assert arm.limits.contains(result.q)
+def test_targets_with_joints_at_their_limits_and_starts_outside_of_them_are_solved_within_the_limits(planar):
+    for limits, q, q0 in (
+        (("-1 1", "-1 1"), [1.0, -1.0], [-0.5, 0.5]),
+        (("-1 1", "-4 4"), [0.9, 1.0], [1.5, 1 + 2 * np.pi]),
+    ):
+        arm = planar(*limits)
+        result = pp.Clik().solve(arm, arm.forward_kinematics(q), q0=q0)
+        assert result.ok
+        assert arm.limits.contains(result.q)
 
 
 def test_the_search_continues_after_a_rejected_solution(ur5):
@@ -261,6 +256,8 @@ def test_results_survive_pickling(ur5):
 def test_invalid_settings_are_refused_by_name(settings, message):
     with pytest.raises(pp.InputError, match=message):
         pp.Clik(**settings)
+    with pytest.raises(TypeError, match="tolerance"):
+        pp.Clik(tolerance=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -302,8 +299,3 @@ def test_a_robot_or_its_name_instead_of_an_arm_is_refused(ur5, call):
     for robot in (ur5.robot, "ur5"):
         with pytest.raises(pp.InputError, match="arm must be of type Arm"):
             call(robot, pp.pose())
-
-
-def test_unknown_settings_are_refused():
-    with pytest.raises(TypeError, match="tolerance"):
-        pp.Clik(tolerance=1e-3)

@@ -1,7 +1,6 @@
 """The compiled loop and the loop on Pinocchio have the same iterates; results do not depend on threads."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +11,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.ik import IterativeIk
 from pinproof.ik.task import IkGoal, make_goal
+from pinproof.model import load_robot
 
 from ..examples import examples
 
@@ -25,8 +25,6 @@ def arms():
 
 
 def with_engine(solver, engine, **settings):
-    from dataclasses import replace
-
     return replace(solver, engine=engine, **settings)
 
 
@@ -154,8 +152,6 @@ def test_mimic_joints_on_the_chain_are_solved(planar_with_follower):
 
 @pytest.fixture
 def planar_with_follower():
-    from pinproof.model import load_robot
-
     limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
     joints = "".join(
         f'<link name="l{i}"/><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'

@@ -1,7 +1,5 @@
 """Proofs that a pose is out of reach: never for reachable poses, and each one checked in NumPy and by a search."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 
@@ -22,16 +20,16 @@ ROBOTS = ("panda", "iiwa14", "xarm7", "so100", "scara")
 
 
 @pytest.fixture(scope="module")
-def arms() -> dict[str, pp.Arm]:
+def arms():
     return {name: pp.load_robot(name).arm() for name in ROBOTS}
 
 
-def turned(rng: np.random.Generator, place: np.ndarray) -> np.ndarray:
+def turned(rng, place):
     """A pose at a place (3,) with a random orientation."""
     return np.array(pp.pose(place, quat_xyzw=rng.normal(size=4)).homogeneous)
 
 
-def off_by(rng: np.random.Generator, pose: np.ndarray, tolerance: float) -> np.ndarray:
+def off_by(rng, pose, tolerance):
     """The pose, moved by almost the tolerance in position and in orientation."""
     shift, axis = (0.999 * tolerance * v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     moved = pose.copy()
@@ -40,7 +38,7 @@ def off_by(rng: np.random.Generator, pose: np.ndarray, tolerance: float) -> np.n
     return np.array(rigid("pose", moved).homogeneous)
 
 
-def unreachable(arm: pp.Arm, count: int, seed: int = 0) -> list[pp.ik.ReachProof]:
+def unreachable(arm, count, seed=0):
     """Proofs for poses near the arm's workspace with random orientations."""
     rng, proofs = np.random.default_rng(seed), []
     lower, upper = arm.limits.sampling_range()
@@ -53,7 +51,7 @@ def unreachable(arm: pp.Arm, count: int, seed: int = 0) -> list[pp.ik.ReachProof
 
 
 @pytest.fixture(scope="module")
-def narrow_miss(arms) -> pp.ik.ReachProof:
+def narrow_miss(arms):
     """A proof with several boxes: a pose close to one that five joints reach."""
     arm, rng = arms["so100"], np.random.default_rng(1)
     q = rng.uniform(*arm.limits.sampling_range())
@@ -61,7 +59,7 @@ def narrow_miss(arms) -> pp.ik.ReachProof:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_search_never_excludes_a_configuration_that_reaches_the_target(arms, name) -> None:
+def test_search_never_excludes_a_configuration_that_reaches_the_target(arms, name):
     """Along the boxes around the configuration; the target is moved by almost the tolerance."""
     arm, rng, count = arms[name], np.random.default_rng(3), 60
     lower, upper = arm.limits.sampling_range()
@@ -88,14 +86,14 @@ def test_search_never_excludes_a_configuration_that_reaches_the_target(arms, nam
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_proofs_are_confirmed_in_numpy_and_not_contradicted_by_a_search(arms, name) -> None:
+def test_proofs_are_confirmed_in_numpy_and_not_contradicted_by_a_search(arms, name):
     arm = arms[name]
     for proof in unreachable(arm, 8):
         assert proof.verify()
         assert not pp.Clik().solve(arm, proof.target, rng=1).ok
 
 
-def test_excluded_boxes_cover_the_joint_ranges(arms, narrow_miss) -> None:
+def test_excluded_boxes_cover_the_joint_ranges(arms, narrow_miss):
     proof = narrow_miss
     assert proof.proven
     assert proof.examined > 1
@@ -106,24 +104,28 @@ def test_excluded_boxes_cover_the_joint_ranges(arms, narrow_miss) -> None:
     assert inside.any(axis=1).all()
 
 
-def test_reachable_pose_is_found(arms) -> None:
+def test_reachable_pose_is_found_and_the_target_of_a_proof_cannot_be_changed(arms):
     arm = arms["panda"]
     proof = pp.prove_unreachable(arm, arm.forward_kinematics(arm.home))
     assert proof.status is ReachStatus.FOUND
     assert proof.verify()
     assert proof.or_raise() is proof
+    with pytest.raises(ValueError, match="read-only"):
+        pp.prove_unreachable(arms["scara"], pp.pose((9.0, 0, 0))).target[0, 3] = 0.1
+    found = pp.AnalyticIk().solve(arm, pp.pose((0.9, 0.0, 0.4)))
+    assert found.status is pp.ik.IkStatus.IMPOSSIBLE  # the closed form without a branch returns a proof
 
 
-def test_damaged_proof_is_refused(arms, narrow_miss) -> None:
+def test_damaged_proof_is_refused(arms, narrow_miss):
     arm, proof = arms["so100"], narrow_miss
     steps, loop = proof.steps, proof._loop
     lower, upper = arm.limits.sampling_range()
     lower, upper = lower - AT_LIMIT, np.minimum(upper + AT_LIMIT, lower - AT_LIMIT + 2 * np.pi)
 
-    def holds(other: Steps, target: np.ndarray = proof.target, tolerance: float = 1e-6) -> bool:
+    def holds(other, target=proof.target, tolerance=1e-06):
         return check_exclusion(loop, other, (lower, upper), target, (tolerance, tolerance))
 
-    def without(kept: np.ndarray) -> Steps:
+    def without(kept):
         return Steps(*(getattr(steps, name)[kept] for name in Steps.__dataclass_fields__))
 
     assert holds(steps)
@@ -139,24 +141,19 @@ def test_damaged_proof_is_refused(arms, narrow_miss) -> None:
     assert not holds(without(np.zeros(len(steps), dtype=bool)))
 
 
-def test_limits_decide_what_is_out_of_reach(planar) -> None:
+def test_limits_and_tolerances_decide_what_is_out_of_reach(planar):
     """Two joints of 1 m links: the pose at an angle of 2 rad needs a joint beyond +-1 rad."""
     target = pp.pose((np.cos(2.0) * 2, np.sin(2.0) * 2, 0), (0, 0, 2.0))
     assert pp.prove_unreachable(planar("-1 1", "-1 1"), target).proven
     assert pp.prove_unreachable(planar("-2.1 2.1", "-1 1"), target).status is ReachStatus.FOUND
     assert pp.prove_unreachable(planar("", "-2.2 2.2", ""), target).status is ReachStatus.FOUND
-
-
-def test_tolerance_belongs_to_the_proof(planar) -> None:
-    arm = planar("-3 3", "-3 3")
-    beyond = pp.pose((2.001, 0, 0))
+    arm, beyond = planar("-3 3", "-3 3"), pp.pose((2.001, 0, 0))
     assert pp.prove_unreachable(arm, beyond, position_tolerance=0.9e-3).proven
-    assert pp.prove_unreachable(arm, beyond, position_tolerance=1.1e-3, orientation_tolerance=0.1).status is (
-        ReachStatus.FOUND
-    )
+    wide = pp.prove_unreachable(arm, beyond, position_tolerance=1.1e-3, orientation_tolerance=0.1)
+    assert wide.status is ReachStatus.FOUND
 
 
-def test_a_search_without_a_solution_is_no_answer(arms) -> None:
+def test_a_search_without_a_solution_is_no_answer(arms):
     """Poses that need more boxes than are examined before the search: proven with a budget, undecided with less."""
     arm, rng, counts = arms["so100"], np.random.default_rng(1), []
     for _ in range(12):
@@ -178,7 +175,7 @@ def test_a_search_without_a_solution_is_no_answer(arms) -> None:
     assert len(counts) == 2
 
 
-def test_a_configuration_within_the_tolerance_of_the_limits_is_never_excluded(planar) -> None:
+def test_a_configuration_within_the_tolerance_of_the_limits_is_never_excluded(planar):
     """Joint values beyond a limit by less than AT_LIMIT are valid everywhere, also for much smaller tolerances."""
     arm = planar("-1 1", "-0.5 2")
     for first, second in product(
@@ -192,13 +189,7 @@ def test_a_configuration_within_the_tolerance_of_the_limits_is_never_excluded(pl
     assert pp.prove_unreachable(arm, beyond, **settings).proven
 
 
-def test_target_of_a_proof_cannot_be_changed(arms) -> None:
-    proof = pp.prove_unreachable(arms["scara"], pp.pose((9.0, 0, 0)))
-    with pytest.raises(ValueError, match="read-only"):
-        proof.target[0, 3] = 0.1
-
-
-def nearly_meeting(offset: float) -> pp.Arm:
+def nearly_meeting(offset):
     """Five joints whose axes miss each other by an offset, which counts as one point with an error, and a slide."""
     axes = ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1")
     places = ("0 0 0.3", f"{offset} 0 0", f"0 {offset} {offset}", "0.4 0 0", f"0 0 {offset}")
@@ -213,21 +204,21 @@ def nearly_meeting(offset: float) -> pp.Arm:
     return load_robot("".join([*parts, "</robot>"])).arm(tcp="l5")
 
 
-def box_around(rng: np.random.Generator, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def box_around(rng, q):
     """A box of joint values that contains q (n,), near its border in some joints."""
     width = 10.0 ** rng.uniform(-9, rng.choice([-3.0, 0.5]), len(q))
     low = width * rng.choice([0.0, 0.01, 0.5, 1.0], len(q))
     return q - low, q + width - low
 
 
-def check_step(proof: pp.ik.ReachProof, number: int, ranges, target, tolerances, overlaps=()) -> bool:
+def check_step(proof, number, ranges, target, tolerances, overlaps=()):
     """Whether one distance, or one overlap, excludes the complete ranges."""
     steps = Steps(*[[value] for value in (EXCLUDED, -1, number, 0, 0.0)])
     return check_exclusion(proof._loop, steps, ranges, np.array(target), tolerances, overlaps)
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "near"])
-def test_the_check_accepts_no_exclusion_of_a_box_with_a_solution(arms, name) -> None:
+def test_the_check_accepts_no_exclusion_of_a_box_with_a_solution(arms, name):
     """Of all distances and overlaps, for boxes of any width, and targets that are moved by almost the tolerances."""
     arm, rng = arms.get(name) or nearly_meeting(2e-5), np.random.default_rng(7)
     far = pp.prove_unreachable(arm, pp.pose((99.0, 0, 0)))
@@ -250,7 +241,7 @@ def test_the_check_accepts_no_exclusion_of_a_box_with_a_solution(arms, name) -> 
     assert overlapping > 4
 
 
-def test_undecided_proof_has_nothing_to_verify(arms) -> None:
+def test_undecided_proof_has_nothing_to_verify(arms):
     arm = arms["panda"]
     proof = pp.prove_unreachable(arm, arm.forward_kinematics(arm.home), budget=3, search=False)
     assert proof.status is ReachStatus.UNDECIDED
@@ -263,41 +254,35 @@ def test_undecided_proof_has_nothing_to_verify(arms) -> None:
         assert (undecided.status, undecided.bodies) == (ReachStatus.UNDECIDED, ())
 
 
-def test_closed_form_without_a_branch_returns_a_proof_for_redundant_arms(arms) -> None:
-    found = pp.AnalyticIk().solve(arms["panda"], pp.pose((0.9, 0.0, 0.4)))
-    assert found.status is pp.ik.IkStatus.IMPOSSIBLE
-
-
-def links_of(arm: pp.Arm, q: np.ndarray) -> list[np.ndarray]:
+def links_of(arm, q):
     """The poses (4, 4) of the links of the chain in the base."""
     poses = [np.eye(4)]
     for joint, value in zip(arm.chain.joints, q, strict=True):
-        motion = (
-            pin.SE3(np.eye(3), np.array([0, 0, value]))
-            if joint.prismatic
-            else pin.SE3(pin.exp3(np.array([0, 0, value])), np.zeros(3))
-        )
+        along, still = np.array([0, 0, value]), np.zeros(3)
+        motion = pin.SE3(np.eye(3), along) if joint.prismatic else pin.SE3(pin.exp3(along), still)
         poses.append(poses[-1] @ joint.before @ motion.homogeneous)
     return poses
 
 
-def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: float) -> BodyOverlap:
+def overlap_near(rng, arm, q, gap):
     """A ball and a box on different links whose distance at q (n,) is ``gap``; below 0, they overlap."""
     links = links_of(arm, q)
     ball_link, box_link = rng.choice(arm.dof + 1, 2, replace=False).tolist()
     at = links[ball_link] @ [*rng.uniform(-0.3, 0.3, 3), 1.0]
     link_from_box = turned(rng, rng.uniform(-0.5, 0.5, 3))
     in_box = np.linalg.inv(links[box_link] @ link_from_box) @ at
+
+    def distance(half):
+        beyond = np.abs(in_box[:3]) - half
+        return np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()
+
     half = rng.uniform(0.0, 0.3, 3) * rng.choice([0.0, 1.0])
-    beyond = np.abs(in_box[:3]) - half
-    signed = np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()
-    radius = signed - gap
+    radius = distance(half) - gap
     share = rng.uniform() if radius > 0 else 0.0
     centre = (np.linalg.inv(links[ball_link]) @ at)[:3]
     if radius < 0:  # the box shrinks until the gap remains
         half = np.maximum(half + radius, 0.0)
-        beyond = np.abs(in_box[:3]) - half
-        radius = max((np.linalg.norm(np.maximum(beyond, 0.0)) if beyond.max() > 0 else beyond.max()) - gap, 0.0)
+        radius = max(distance(half) - gap, 0.0)
     return BodyOverlap(
         ("a", "b"), ball_link, centre, share * radius, box_link, link_from_box, half, (1 - share) * radius
     )
@@ -305,7 +290,7 @@ def overlap_near(rng: np.random.Generator, arm: pp.Arm, q: np.ndarray, gap: floa
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.slow
-def test_overlaps_never_exclude_a_configuration_without_one(arms, name) -> None:
+def test_overlaps_never_exclude_a_configuration_without_one(arms, name):
     """The configuration is barely free of each overlap; some of them, slightly larger, do exclude their targets."""
     arm, rng, proven = arms[name], np.random.default_rng(5), 0
     for _ in range(10):
@@ -321,7 +306,7 @@ def test_overlaps_never_exclude_a_configuration_without_one(arms, name) -> None:
 
 
 @pytest.mark.slow
-def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
+def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms):
     """The elbow of a Panda is within a sphere at every solution; a smaller sphere proves nothing."""
     arm = arms["panda"]
     target = pp.pose((0.5, 0.1, 0.4), rpy=(np.pi, 0, 0))
@@ -331,7 +316,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
     at = np.eye(4)
     at[:3, 3] = elbows.mean(axis=0)
 
-    def proof(radius: float) -> pp.ik.ReachProof:
+    def proof(radius):
         elbow = BodyOverlap(("elbow", "ball"), 4, np.zeros(3), 0.02, 0, at, np.zeros(3), radius)
         return pp.prove_unreachable(arm, target, search=False, budget=3000, overlaps=[elbow])
 
@@ -352,7 +337,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms) -> None:
         pp.prove_unreachable(arm, target, overlaps=proven.overlaps)
 
 
-def test_unsupported_arms_and_settings_are_refused(planar) -> None:
+def test_unsupported_arms_and_settings_are_refused(planar):
     mimic = load_robot(
         '<robot name="two"><link name="a"/><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent '
         'link="a"/><child link="b"/><axis xyz="0 0 1"/></joint><joint name="k" type="continuous"><parent link="b"/>'

@@ -1,11 +1,10 @@
 """Tracking: limits hold at every sample, errors are measured independently, singularities cause no jumps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 import pinproof as pp
 from pinproof import _core
@@ -288,8 +287,6 @@ ARMS = {name: pp.load_robot(name).arm() for name in ["ur5", "panda", "stanford",
 @examples(200)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
 def test_the_bounded_step_equals_scipy(seed, n, rank):
-    from scipy.optimize import lsq_linear
-
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, n))
     pull, shift = rng.normal(size=6), 10 ** rng.uniform(-6, 0)
@@ -319,33 +316,31 @@ def test_a_start_within_rounding_of_a_limit_starts_at_the_limit(ur5):
     assert track.q[0] == pytest.approx(q, abs=1e-6)
 
 
-def test_invalid_input_is_refused_with_its_name(ur5, planar):
-    q, poses = ur5.home, [ur5.forward_kinematics(ur5.home)]
-    with pytest.raises(pp.InputError, match="q0 must be inside the limits: elbow_joint = 4"):
-        pp.track(ur5, poses, [0, 0, 4.0, 0, 0, 0], dt=1e-3)
-    with pytest.raises(pp.InputError, match=r"poses\[0\] holds numbers that are not finite"):
-        pp.track(ur5, [np.full((4, 4), np.nan)], q, dt=1e-3)
-    with pytest.raises(pp.InputError, match="at least one pose"):
-        pp.track(ur5, [], q, dt=1e-3)
-    for dt in (0.0, -1e-3, np.nan, np.inf):
-        with pytest.raises(pp.InputError, match="dt must be a finite number above 0"):
-            pp.track(ur5, poses, q, dt=dt)
-    with pytest.raises(pp.InputError, match="either dt"):
-        pp.track(ur5, poses, q)
-    with pytest.raises(pp.InputError, match="times must increase"):
-        pp.track(ur5, poses * 2, q, times=[0.1, 0.1])
-    with pytest.raises(pp.InputError, match="first at 0 or later"):
-        pp.track(ur5, poses, q, times=[-0.1])
-    for velocity in (0.0, np.inf, [1.0, 1, 1, 1, 1, -1]):
-        with pytest.raises(pp.InputError, match="finite and above 0"):
-            pp.track(ur5, poses, q, dt=1e-3, velocity=velocity)
-    with pytest.raises(pp.InputError, match="6 numbers"):
-        pp.track(ur5, poses, q, dt=1e-3, velocity=[1.0, 2.0])
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"q0": [0, 0, 4.0, 0, 0, 0]}, "q0 must be inside the limits: elbow_joint = 4"),
+        ({"poses": [np.full((4, 4), np.nan)]}, r"poses\[0\] holds numbers that are not finite"),
+        ({"poses": []}, "at least one pose"),
+        *(({"dt": dt}, "dt must be a finite number above 0") for dt in (0.0, -1e-3, np.nan, np.inf)),
+        ({"dt": None}, "either dt"),
+        ({"dt": None, "poses": [np.eye(4)] * 2, "times": [0.1, 0.1]}, "times must increase"),
+        ({"dt": None, "times": [-0.1]}, "first at 0 or later"),
+        *(({"velocity": velocity}, "finite and above 0") for velocity in (0.0, np.inf, [1.0, 1, 1, 1, 1, -1])),
+        ({"velocity": [1.0, 2.0]}, "6 numbers"),
+        ({"task": "pos"}, "spin_z"),
+    ],
+)
+def test_invalid_input_is_refused_with_its_name(ur5, changes, message):
+    request = {"poses": [ur5.forward_kinematics(ur5.home)], "q0": ur5.home, "dt": 1e-3, **changes}
+    with pytest.raises(pp.UnknownNameError if "task" in changes else pp.InputError, match=message):
+        pp.track(ur5, **request)
+
+
+def test_unknown_speed_limits_are_named(planar):
     arm = planar("-1 1", "")
     with pytest.raises(pp.InputError, match=r"j1 1, j2 nan.*velocity="):
         pp.track(arm, [arm.forward_kinematics([0, 0])], [0, 0], dt=1e-3)
-    with pytest.raises(pp.UnknownNameError, match="spin_z"):
-        pp.track(ur5, poses, q, dt=1e-3, task="pos")
 
 
 def test_a_tracker_refuses_an_invalid_pose_and_keeps_its_state(ur5):

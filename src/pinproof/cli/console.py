@@ -33,15 +33,7 @@ _STYLES = {
 
 
 class Interrupted(Exception):
-    """Ctrl-C was pressed.
-
-    Parameters
-    ----------
-    message
-        What happened to the work so far.
-    result_printed
-        Whether the command printed its result before.
-    """
+    """Ctrl-C was pressed; the message states what happened to the work, whose result may have been printed before."""
 
     def __init__(self, message: str = "interrupted; there is no result", *, result_printed: bool = False) -> None:
         super().__init__(message)

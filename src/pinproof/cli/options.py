@@ -493,19 +493,7 @@ def placement(text: str) -> SE3:
 def numbers(text: str, option: str, *forms: str) -> list[float]:
     """Numbers separated by spaces or commas, each a decimal number or of the form ``[-][k*]pi[/m]``.
 
-    Parameters
-    ----------
-    text
-        The value of the option.
-    option
-        The name of the option, for messages.
-    forms
-        The valid sequences of numbers, such as ``"x y z"``; by default, any number of values.
-
-    Raises
-    ------
-    InputError
-        If a part is not a number, or the number of parts differs from all forms.
+    InputError names the option if a part is no number, or their count differs from that of all forms, such as "x y z".
     """
     from pinproof.common.files import parse_number
 

@@ -146,10 +146,7 @@ class OutputOptions:
     def write(self, report: pp.picks.PickReport, *, is_folder: bool) -> tuple[str, bool]:
         """Write the report and, to a folder, the motions and programs of the good picks.
 
-        Returns
-        -------
-        tuple[str, bool]
-            What was written, empty without -o, and whether it includes each robot program of ``--export``.
+        The result states what was written, empty without -o, and whether it includes each program of ``--export``.
         """
         output = self.output
         if output is None or not is_folder:
@@ -425,17 +422,8 @@ def demo(
         print_line(f"{written(*files)[0]}; open {html} in a browser (no network needed)")
     if live:
         shown = first.motions[0]
-        with (
-            pp.show(
-                arm.with_held(shown.held),
-                shown.scene,
-                shown.trajectory,
-                certificate=shown.certificate,
-                attached=shown.attached,
-                title=first.pick.name,
-                open_browser=True,
-            ) as view,
-            until_interrupted(),
-        ):
+        what: dict[str, Any] = {"certificate": shown.certificate, "attached": shown.attached, "title": first.pick.name}
+        seen = arm.with_held(shown.held), shown.scene, shown.trajectory
+        with pp.show(*seen, **what, open_browser=True) as view, until_interrupted():
             (print_note if as_json else print_line)(f"live view at {view.url} (Ctrl-C ends it)")
             view.wait()

@@ -44,16 +44,9 @@ def stops(arm: Arm) -> tuple[Array, Array]:
 
 
 def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:
-    """Shift the joints of q by multiples of 2 pi within the limits such that each is closest to a reference.
+    """The periodic joints of q (n,) or (N, n) shifted by multiples of 2 pi within the limits, closest to a reference.
 
-    Parameters
-    ----------
-    arm
-        Only its periodic joints are shifted.
-    q
-        (n,) or (N, n) within the limits.
-    reference
-        (n,) within or outside the limits.
+    The reference (n,) may be outside the limits.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
     elsewhere = (np.abs(reference - q) > np.pi) | (q < lower) | (q > upper)

@@ -32,32 +32,21 @@ POLICY = (
 
 @dataclass(frozen=True)
 class Caption:
-    """The verdict on a motion, a configuration or a pick, the reason for it, and figures.
+    """The verdict on a motion, a configuration or a pick, the reason for it, and figures."""
 
-    Parameters
-    ----------
-    headline
-        Such as ``FREE``, ``NOT VALIDATED`` or ``IMPOSSIBLE at grasp``.
-    reason
-        One sentence that states what is proven, or why nothing is proven.
-    tone
-        The name of the colour of the headline in :data:`pinproof.common.theme.TONES`.
-    figures
-        (name, value) pairs.
-    lists
-        (summary, items) pairs that can be unfolded, such as the body pairs that a proof does not cover.
-    remedy
-        What to do; empty for nothing.
-    steps
-        The stages of the judgement or the parts of the motion, each as some short texts.
-    """
-
+    # Such as FREE, NOT VALIDATED or IMPOSSIBLE at grasp.
     headline: str
+    # One sentence that states what is proven, or why nothing is proven.
     reason: str
+    # The name of the colour of the headline in theme.TONES.
     tone: str
+    # (name, value) pairs.
     figures: tuple[tuple[str, str], ...]
+    # (summary, items) pairs that can be unfolded, such as the body pairs that a proof does not cover.
     lists: tuple[tuple[str, Sequence[str]], ...] = ()
+    # What to do; empty for nothing.
     remedy: str = ""
+    # The stages of the judgement or the parts of the motion, each as some short texts.
     steps: tuple[Sequence[str], ...] = ()
 
     def html(self, remarks: Sequence[str] = ()) -> str:
@@ -130,11 +119,7 @@ def notes(texts: Sequence[str], summary: str = "Notes") -> str:
     return f"<details><summary>{escape(summary)}</summary>{html_list(texts)}</details>" if texts else ""
 
 
-def table(
-    place: str,
-    rows: Rows,
-    texts: Sequence[str],
-) -> str:
+def table(place: str, rows: Rows, texts: Sequence[str]) -> str:
     """A panel with a table that can be sorted and filtered, and with notes; ``place`` is ``side`` or ``below``."""
     cells = rows.html(sys.maxsize).replace("<tbody>", '<tbody id="rows">', 1)
     return (
@@ -189,25 +174,11 @@ def page(
 ) -> str:
     """The HTML of a page with a film.
 
-    Parameters
-    ----------
-    title
-        Plain text.
-    layout
-        ``motion``, ``picks`` or ``cell``: the class of the body, on which the widths and heights depend.
-    panels, summary, head
-        HTML of the panels, of the line below the title, and of the right end of the header.
-    settings, commands
-        The object ``settings`` of the scripts, in which references to arrays of ``commands`` (to the viewer of meshcat)
-        become typed arrays.
-    label
-        What the film shows, for readers of the screen.
-    colours
-        The legend of the film, as in :func:`legend`.
-    script
-        JavaScript that runs after ``page.js``.
-    live
-        Whether the page may receive events from the server that sent it.
+    The widths and heights depend on the ``layout``: ``motion``, ``picks`` or ``cell``. ``panels``, ``summary`` and
+    ``head`` are HTML: of the panels, of the line below the title, and of the right end of the header; ``title`` and
+    ``label``, for readers of the screen, are plain text. ``settings`` is an object of the scripts, in which references
+    to arrays of ``commands`` become typed arrays; ``script`` runs after ``page.js``. A ``live`` page may receive events
+    from the server that sent it.
     """
     # The colours that the scripts draw with
     bundle, licences = _viewer_bundle()

@@ -187,28 +187,25 @@ def test_shared_torso_belongs_to_both_arms_where_the_base_is_above_it() -> None:
         assert np.allclose(rise, (0, 0, 0.1), atol=1e-9)
 
 
-def test_shared_joint_without_a_base_is_refused() -> None:
-    with pytest.raises(pp.InputError, match=r"l_shoulder_pan_joint.*'l_wrist_roll_link' and 'l_gripper_tool_frame'"):
-        pp.load_robot("pr2_left").arms("l_wrist_roll_link", "l_gripper_tool_frame")
-
-
 @pytest.mark.parametrize(
-    ("arms", "error", "words"),
+    ("robot", "arms", "error", "named"),
     [
-        (("left", "rigt"), pp.UnknownNameError, "rigt"),
-        (("left", "left"), pp.InputError, "twice"),
-        (({"one": "left_gripper", "two": "left"},), pp.InputError, "same tcp"),
-        ((3,), pp.InputError, "3"),
+        ("baxter_left", ("left", "rigt"), pp.UnknownNameError, "rigt"),
+        ("baxter_left", ("left", "left"), pp.InputError, "twice"),
+        ("baxter_left", ({"one": "left_gripper", "two": "left"},), pp.InputError, "same tcp"),
+        ("baxter_left", (3,), pp.InputError, "3"),
+        ("ur5", (), pp.InputError, "declares no arms"),
+        (
+            "pr2_left",  # both would move the shoulder, without a base above it
+            ("l_wrist_roll_link", "l_gripper_tool_frame"),
+            pp.InputError,
+            "l_shoulder_pan_joint.*'l_wrist_roll_link' and 'l_gripper_tool_frame'",
+        ),
     ],
 )
-def test_wrong_arms_are_refused(arms: tuple[str, ...], error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        pp.load_robot("baxter_left").arms(*arms)
-
-
-def test_robot_with_one_arm_declares_none() -> None:
-    with pytest.raises(pp.InputError, match="declares no arms"):
-        pp.load_robot("ur5").arms()
+def test_wrong_arms_are_refused(robot: str, arms: tuple[str, ...], error: type[Exception], named: str) -> None:
+    with pytest.raises(error, match=named):
+        pp.load_robot(robot).arms(*arms)
 
 
 def test_linear_axis_before_the_arm_is_a_joint_of_the_group() -> None:

@@ -40,6 +40,8 @@ def test_each_kind_of_change_is_found(cell, report) -> None:
     first, *others = [(each.name, each.change) for each in found.differences]
     assert first in [("bolts[0,0]", each) for each in (PickChange.SAME, PickChange.FASTER, PickChange.SLOWER)]
     assert others == [("bolts[1,1]", PickChange.LOST), ("unturned", PickChange.WON)]
+    # The reason of a pick that is good in both is empty, and that of a won pick is why it failed before
+    assert [found.differences[k].reason for k in (0, 2)] == ["", report.verdicts[2].reason]
     assert not found.ok
     (lost,) = found.of(PickChange.LOST)
     assert "post" in lost.reason

@@ -15,7 +15,7 @@ from pinproof.picks import PickSetup, PickStatus, Stage
 from pinproof.picks.judging import setup as judging_setup
 from pinproof.picks.judging.task import PickTask
 
-from .conftest import DOWN, QUICK, judge_in
+from .conftest import DOWN, QUICK, figures, judge_in
 
 TIP = 0.105
 PICKER = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
@@ -61,6 +61,8 @@ def recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm) -> None:
         hand = [("picker", "bolt")] if any(each.name == "bolt" for each in motion.attached) else []
         checker = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, allowed=[*allowed, *hand])
         assert all(checker.is_free_batch(motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 120))))
+    least = min(motion.certificate.clearance for motion in verdict.motions)
+    assert figures(verdict, Stage.TIMING)["clearance"] == least
     complete = sum(motion.trajectory.duration for motion in verdict.motions)
     assert verdict.trajectory.duration == pytest.approx(complete, abs=1e-6)
 

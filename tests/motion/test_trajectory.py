@@ -49,7 +49,7 @@ def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     np.testing.assert_array_equal(trajectory(t), Bezier(*trajectory.bezier()).at(t))
 
 
-@examples(120)
+@examples(70)
 @given(st.one_of(cubics(), quintics()))
 def test_extremes_hold_for_dense_samples_and_are_reached(trajectory):
     t, step = np.linspace(0, trajectory.duration, 4001), trajectory.duration / 4000
@@ -137,6 +137,7 @@ def test_times_outside_the_trajectory_are_refused(t):
             call(t)
 
 
+@examples(50)
 @given(cubics(), cubics())
 def test_joined_motions_run_one_after_the_other(first, second):
     q = np.concatenate([[first.end], (second.q - second.q[0] + first.end)[1:]])

@@ -308,6 +308,17 @@ def test_the_bounded_step_equals_scipy(seed, n, rank):
     assert ((held == 0) | (step == low) | (step == high)).all()
 
 
+def test_the_message_describes_the_intervals_with_the_largest_errors(ur5):
+    poses = np.tile(ur5.forward_kinematics(ur5.home).homogeneous, (60, 1, 1))
+    jumps = {5: 0.3, 15: 0.05, 25: 0.2, 35: 0.1, 45: 0.4}  # m: poses that are out of the way for one sample
+    for sample, size in jumps.items():
+        poses[sample, 2, 3] += size
+    message = pp.track(ur5, poses, ur5.home, dt=1e-3).message
+    named = [sample for sample in jumps if f"{(sample + 1) * 1e-3:.6g} s (sample" in message]
+    assert named == [5, 25, 45]
+    assert "and 2 more intervals" in message
+
+
 def test_a_start_within_rounding_of_a_limit_starts_at_the_limit(ur5):
     q = ur5.home.copy()
     q[2] = ur5.limits.upper[2] + 5e-10

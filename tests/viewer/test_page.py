@@ -97,6 +97,7 @@ def test_arrays_come_back_from_the_blob_as_they_went_in():
     commands = Commands()
     integers = [np.arange(count, dtype=kind) for kind, count in ((np.int8, 5), (np.uint16, 3), (np.uint32, 2))]
     arrays = [integers[0], np.arange(3, dtype=np.float32) / 7, *integers[1:]]
+    arrays += [np.zeros(4, np.int8), np.zeros(1, np.uint32)]  # of equal bytes
     references = [commands.array(a)["$buffer"] for a in arrays]
     blob = b64decode(commands.base64())
     for (kind, offset, count), array in zip(references, arrays, strict=True):

@@ -476,16 +476,6 @@ class Shape:
     @property
     def ball(self) -> float: ...
 
-def bound_distance(
-    a: Shape,
-    b: Shape,
-    a_from_b: NDArray[numpy.float64],
-    direction: NDArray[numpy.float64],
-    above: float,
-    below: float,
-    precision: float,
-) -> tuple[float, float, NDArray[numpy.float64], list[float], NDArray[numpy.float64]]: ...
-
 class Body:
     def __init__(self, shape: Shape, joint: int, joint_from_body: NDArray[numpy.float64]) -> None: ...
     @property

@@ -18,7 +18,7 @@ numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
 
 
 def core_shape(points, disc, ball, semi):
-    """A shape of points (V, 3), each with a disc, and of a ball and semi axes; its bounding box is not used here."""
+    """A shape of points (V, 3), each with a disc, and of a ball and semi axes, within a box that is large."""
     own = np.asarray(points, dtype=float)
     around = np.array([[-9.0] * 3, [9.0] * 3])
     return _core.Shape.convex(own, np.full(len(own), float(disc)), ball, np.broadcast_to(semi, 3).astype(float), around)
@@ -31,10 +31,50 @@ def placed(translation, rotation=None):
     return at
 
 
-def bounds(shapes, at, direction=None, above=np.inf, below=-1.0):
-    """(lower, upper, direction, weights, nearest point) of two shapes."""
+def workspace(shapes, at, direction=None, margin=0.0):
+    """Two shapes with the second at a pose in the frame of the first, and how far the first has been moved to there.
+
+    The search for the distance of two bodies of a robot begins with the direction between them at zero: a prismatic
+    joint moves the first by 9 m along the direction where it must begin.
+    """
     u = np.zeros(3) if direction is None else np.array(direction, dtype=float)
-    return _core.bound_distance(*(core_shape(*shape) for shape in shapes), at, u, above, below, 1e-9)
+    begins = bool(u.any())
+    along = u / np.abs(u).max() if begins else np.array([0.0, 0.0, 1.0])
+    turn = np.linalg.qr(np.column_stack([along, np.eye(3)]))[0][:, [1, 2, 0]]
+    turn *= np.sign(turn[:, 2] @ along)
+    travel = 9.0 * turn[:, 2] * begins
+    joint = _core.Joint(before=placed((0, 0, 0), turn), prismatic=True, index=0, multiplier=1.0, offset=0.0)
+    bodies = [
+        _core.Body(core_shape(*shapes[0]), 0, placed((0, 0, 0), turn.T)),
+        _core.Body(core_shape(*shapes[1]), -1, placed(at[:3, 3] + travel, at[:3, :3])),
+    ]
+    geometry = _core.Geometry(_core.JointTree([joint], 1), bodies, 2 if begins else 1, 1e-12)
+    space = _core.Workspace(_core.World(geometry, np.array([[0, 1]]), np.array([margin])))
+    space.place(np.array([9.0 * begins]))
+    return space, travel
+
+
+def bounds(shapes, at, direction=None):
+    """(lower, upper, direction, closest points of both) of two shapes, in the frame of the first."""
+    space, travel = workspace(shapes, at, direction)
+    lower, upper, points, u = space.measure(0)
+    return lower, upper, u, points - travel
+
+
+def reach(shape, d):
+    """The largest d . x over the points x of a shape, for directions d (..., 3)."""
+    points, disc, ball, semi = shape
+    core = (d @ np.asarray(points, float).T).max(axis=-1) + disc * np.hypot(d[..., 0], d[..., 1])
+    return core + ball * np.linalg.norm(d, axis=-1) + np.linalg.norm(np.asarray(semi) * d, axis=-1)
+
+
+def assert_attained(shapes, at, upper, points):
+    """The upper bound is the distance of the two points, and each is a point of its shape."""
+    some = np.random.default_rng(0).normal(size=(40, 3))
+    assert np.linalg.norm(points[1] - points[0]) == pytest.approx(upper, abs=1e-9)
+    local = points[0], at[:3, :3].T @ (points[1] - at[:3, 3])
+    for shape, point in zip(shapes, local, strict=True):
+        assert (some @ point <= reach(shape, some) + 1e-9).all()
 
 
 def box(x, y, z):
@@ -52,7 +92,7 @@ def test_distance_of_axis_aligned_boxes_is_exact_from_any_start(at, start):
     sizes = np.array([[0.4, 0.6, 0.2], [0.3, 0.1, 0.5]])
     gap = np.abs(at) - sizes.sum(axis=0) / 2
     distance = float(np.linalg.norm(np.maximum(gap, 0)))
-    lower, upper, u, _, _ = bounds([box(*sizes[0]), box(*sizes[1])], placed(at), start)
+    lower, upper, u, _ = bounds([box(*sizes[0]), box(*sizes[1])], placed(at), start)
     assert lower <= distance + 1e-12
     assert upper >= distance - 1e-12
     if distance > 1e-6:
@@ -70,7 +110,7 @@ def test_distance_of_curved_bodies_to_a_point_is_exact(at):
     ball = max(np.linalg.norm(at) - 0.3, 0.0)
     tube = float(np.hypot(max(np.hypot(x, y) - 0.2, 0.0), max(abs(z) - 0.5, 0.0)))
     for shape, distance in ((BALL, ball), (CYLINDER, tube)):
-        lower, upper, _, _, _ = bounds([shape, POINT], placed(at))
+        lower, upper, _, _ = bounds([shape, POINT], placed(at))
         assert lower <= distance + 1e-12
         assert upper >= distance - 1e-12
         if distance > 1e-6:
@@ -82,7 +122,7 @@ def test_ellipsoids_without_thickness_are_measured_across_it(axis):
     semi = np.roll([0.0, 0.2, 0.3], axis)
     for distance in (0.5, 2.0):
         at = distance * np.eye(3)[axis]
-        lower, upper, _, _, _ = bounds([([[0, 0, 0]], 0.0, 0.0, semi), POINT], placed(at), at)
+        lower, upper, _, _ = bounds([([[0, 0, 0]], 0.0, 0.0, semi), POINT], placed(at), at)
         assert (lower, upper) == pytest.approx((distance, distance), abs=1e-9)
 
 
@@ -93,19 +133,12 @@ def test_support_gap_and_witness_points_equal_the_bounds(data):
     at = np.array(data.draw(st.tuples(numbers, numbers, numbers)))
     turn = np.linalg.qr(np.random.default_rng(data.draw(st.integers(0, 10**6))).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
-    lower, upper, u, weights, nearest = bounds(shapes, placed(at, turn))
-
-    def reach(shape, d):
-        points, disc, ball, semi = shape
-        return (np.asarray(points, float) @ d + disc * np.hypot(d[0], d[1])).max() + ball + np.linalg.norm(semi * d)
-
+    lower, upper, u, points = bounds(shapes, placed(at, turn))
     gap = u @ at - reach(shapes[0], u) - reach(shapes[1], turn.T @ -u)
     assert lower == pytest.approx(gap, abs=1e-12)
     assert lower <= upper + 1e-12
-    assert min(weights) >= 0
-    assert sum(weights) == pytest.approx(1.0, abs=1e-9)
     if upper > 0:
-        assert np.linalg.norm(nearest) == pytest.approx(upper, abs=1e-9)
+        assert_attained(shapes, placed(at, turn), upper, points)
 
 
 @pytest.mark.parametrize("count", [4, 8, 9, 30, 100])
@@ -120,14 +153,13 @@ def test_hulls_of_random_points_are_measured_from_any_start(count):
         at = rng.normal(size=3) * rng.choice([0.6, 2.0])
         shapes = [(points, 0.0, ball, 0.0) for points, ball in zip(own, balls, strict=True)]
         there = own[1] @ turn.T + at
-        lower, upper, u, weights, nearest = bounds(shapes, placed(at, turn), rng.normal(size=3) * rng.integers(0, 2))
+        lower, upper, u, points = bounds(shapes, placed(at, turn), rng.normal(size=3) * rng.integers(0, 2))
         gap = (there @ u).min() - (own[0] @ u).max() - balls.sum()
         assert lower == pytest.approx(gap, abs=1e-12)
-        assert sum(weights) == pytest.approx(1.0, abs=1e-9)
         if upper > 1e-9:
             apart += 1
             assert upper - lower <= 1e-8
-            assert np.linalg.norm(nearest) - balls.sum() == pytest.approx(upper, abs=1e-9)
+            assert_attained(shapes, placed(at, turn), upper, points)
         else:  # no direction separates them by more than rounding
             assert lower <= 1e-9
             some = rng.normal(size=(2000, 3))
@@ -147,12 +179,11 @@ def test_bounds_hold_for_points_that_almost_coincide(noise):
         own = [np.concatenate([points + noise * rng.normal(size=points.shape) for _ in range(6)]) for points in few]
         at = rng.normal(size=3) * rng.choice([1.0, 3.0])
         shapes = [(points, 0.0, 0.0, 0.0) for points in own]
-        lower, upper, u, weights, nearest = bounds(shapes, placed(at), rng.normal(size=3) * rng.integers(2))
+        lower, upper, u, points = bounds(shapes, placed(at), rng.normal(size=3) * rng.integers(2))
         assert lower == pytest.approx((own[1] @ u).min() + at @ u - (own[0] @ u).max(), abs=1e-12)
         assert lower <= upper + 1e-12
-        assert sum(weights) == pytest.approx(1.0, abs=1e-9)
         if upper > 0:
-            assert np.linalg.norm(nearest) == pytest.approx(upper, abs=1e-9)
+            assert_attained(shapes, placed(at), upper, points)
             assert upper - lower <= 1e-6
         turned = np.roll(np.arange(len(own[0])), 7)
         other = bounds([(own[0][turned], 0.0, 0.0, 0.0), shapes[1]], placed(at))
@@ -165,24 +196,35 @@ def test_bounds_hold_for_points_that_almost_coincide(noise):
 def test_bounds_hold_for_flat_and_tiny_bodies(thin, apart):
     """Plates and needles without thickness give degenerate simplices, for which weights may be 0 / 0."""
     for sizes in ((1.0, 1.0, thin), (1.0, thin, thin), (thin, thin, thin)):
-        for direction in ((0, 0, 1), (1, 1, 1), (1e-200, 0, 0)):
-            lower, upper, _, _, _ = bounds([box(*sizes), box(*sizes)], placed((0, 0, apart + sizes[2])), direction)
+        for direction in ((0, 0, 1), (1, 1, 1), (1, 0, 0)):
+            lower, upper, _, _ = bounds([box(*sizes), box(*sizes)], placed((0, 0, apart + sizes[2])), direction)
             assert lower <= apart + 1e-12
             assert upper >= apart - 1e-12
             assert upper <= apart + 1e-8
 
 
-def test_nan_gives_no_proven_distance():
-    for at in ((np.nan, 0, 0), (np.inf, 0, 0), (1e308, 1e308, 1e308)):
-        lower, upper, _, _, _ = bounds([box(1, 1, 1), box(1, 1, 1)], placed(at))
-        assert lower == -np.inf or np.isfinite(at).all()
-        assert upper > 0
+@pytest.mark.parametrize("far", [np.nan, np.inf, 1e308])
+def test_numbers_that_overflow_give_no_proven_distance(far):
+    space, _ = workspace([box(1, 1, 1), box(1, 1, 1)], placed((0, 0, 0)), (1, 1, 1))
+    space.place(np.array([far]))
+    lower, upper, _, _ = space.measure(0)
+    assert lower == -np.inf or np.isfinite(far)
+    assert upper > 0
 
 
-def test_early_termination_returns_valid_bounds():
-    shapes, at = [CYLINDER, box(0.2, 0.3, 0.4)], placed((1.0, 0.3, 0.2))
-    exact, _, _, _, _ = bounds(shapes, at)
-    lower, upper, _, _, _ = bounds(shapes, at, above=0.1)
-    assert 0.1 < lower <= exact <= upper + 1e-12
-    lower, upper, _, _, _ = bounds(shapes, at, below=5.0)
-    assert lower <= exact <= upper <= 5.0
+@examples(150)
+@given(data=st.data())
+def test_contact_is_decided_on_both_sides_of_the_margin(data):
+    """The search ends as soon as a bound decides; the distance without an early end is the reference."""
+    kinds = st.sampled_from([box(0.2, 0.3, 0.4), CYLINDER, ELLIPSOID, BALL])
+    shapes, at = data.draw(st.tuples(kinds, kinds)), placed(data.draw(st.tuples(numbers, numbers, numbers)))
+    lower, upper, _, _ = bounds(shapes, at)
+    for margin in (lower - 1e-6, upper + 1e-6, upper + 0.1):
+        if margin > 0:
+            space, _ = workspace(shapes, at, margin=margin)
+            assert space.judge(np.zeros(1)) == (_core.CONTACT if margin > upper else 0)
+    q = np.zeros(1)
+    overlapping, _, below, above, pair = workspace(shapes, at)[0].find_nearest(q)
+    assert overlapping == ([0] if lower <= 0 else [])
+    if lower > 0:
+        assert (below, above, pair) == (pytest.approx(lower, abs=1e-9), pytest.approx(upper, abs=1e-9), 0)

@@ -382,12 +382,6 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "four coefficients of a quartic": lambda: _core.quartic_roots(np.zeros(4)),
     "a convex shape without points": lambda: _core.Shape.convex(np.zeros((0, 3)), np.zeros(0), 0.0, np.zeros(3), BOX),
     "a shape with discs of another number": lambda: _core.Shape.convex(CORNERS, np.zeros(7), 0.0, np.zeros(3), BOX),
-    "the distance of a shape without support function": lambda: _core.bound_distance(
-        _core.Shape.exact(BOX), cube(), EYE, np.zeros(3), 1.0, 0.0, 1e-9
-    ),
-    "the distance from a shape without support function": lambda: _core.bound_distance(
-        cube(), _core.Shape.exact(BOX), EYE, np.zeros(3), 1.0, 0.0, 1e-9
-    ),
     "a tree with a joint before its parent": lambda: tree((1, -1)),
     "a tree with a negative index": lambda: tree(index=-1),
     "a tree with an index beyond dof": lambda: tree(index=2),

@@ -2,7 +2,6 @@
 #include <bit>
 
 #include "bindings/structs.h"
-#include "collision/gjk.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
 #include "collision/world.h"
@@ -33,28 +32,6 @@ void bind_shapes(nb::module_& module) {
                     "A shape without a support function, whose distances the caller measures.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
-    // For tests of the bounds of a distance.
-    module.def(
-        "bound_distance",
-        [](const Shape& a, const Shape& b, const Matrix& a_from_b, const Vector& direction, double above, double below,
-           double precision) {
-            if (a.kind != ShapeKind::kConvex || b.kind == ShapeKind::kExact)
-                refuse("the distance of these shapes cannot be bounded by support functions");
-            Separation separation;
-            separation.direction = vec3("direction", direction);
-            const Transform placement = read_transform(shaped("a_from_b", a_from_b, {4, 4}).data());
-            const DistanceBounds bounds =
-                bound_distance(a, b, placement, {.above = above, .below = below, .precision = precision}, separation);
-            Doubles weights;
-            Vec3 nearest;
-            for (int i = 0; i < separation.simplex.size; ++i) {
-                const Simplex::Vertex& vertex = separation.simplex.vertices[i];
-                weights.push_back(vertex.weight);
-                nearest += vertex.weight * vertex.difference;
-            }
-            return std::tuple(bounds.lower, bounds.upper, separation.direction, weights, nearest);
-        }, "a"_a, "b"_a, "a_from_b"_a, "direction"_a, "above"_a, "below"_a, "precision"_a,
-        "(lower, upper, direction, weights of the simplex, its point closest to the origin) of two convex shapes.");
 }
 
 std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& bodies,

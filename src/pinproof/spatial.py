@@ -242,9 +242,12 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> pin.
 
 def rigid_matrix(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> Array:
     """As :func:`rigid`, but returns the (4, 4) matrix, which is faster."""
-    source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
-    if type(source) is np.ndarray and source.dtype == np.float64 and source.shape == (4, 4):
-        copy = np.array(source, order="C")
+    if type(value) is pin.SE3:
+        copy: Array = value.homogeneous  # a new array
+        if is_rigid(copy):
+            return copy
+    elif type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (4, 4):
+        copy = np.array(value, order="C")
         if is_rigid(copy):
             return copy
     return matrix(rigid(name, value, batch=batch))

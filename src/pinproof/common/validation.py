@@ -70,6 +70,8 @@ _BOUND_WORDS = {"minimum": "of at least", "above": "above", "maximum": "at most"
 
 def require_positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
     """Raise InputError unless ``value`` is finite, above 0 (with ``zero`` at least 0) and below ``below``."""
+    if type(value) is float and 0.0 < value < below:  # the common case, without the general rules of numbers
+        return
     if zero:
         require_number(name, value, minimum=0.0, below=below)
     else:
@@ -86,7 +88,7 @@ def require_type(name: str, value: object, *kinds: type) -> None:
 
 def require_integer(name: str, value: int, smallest: int | None, largest: int | None = None) -> int:
     """Return an integer from ``smallest`` to ``largest``, where they are stated; InputError for anything else."""
-    integer = isinstance(value, Integral) and not isinstance(value, bool)
+    integer = type(value) is int or (isinstance(value, Integral) and not isinstance(value, bool))
     low, high = -math.inf if smallest is None else smallest, math.inf if largest is None else largest
     if not integer or not low <= value <= high:
         valid = (

@@ -122,6 +122,8 @@ class IkBranches(IkAnswer):
         For seven joints: the intervals with a constant number of branches, and the values of the redundant joint.
     """
 
+    _branches: Array | None = None  # computed when first read
+
     def __init__(
         self,
         arm: Arm,
@@ -134,7 +136,6 @@ class IkBranches(IkAnswer):
     ) -> None:
         self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
         self._found, self.grid, self.intervals = found, grid, intervals
-        self._branches: Array | None = None
 
     @property
     def branches(self) -> Array:

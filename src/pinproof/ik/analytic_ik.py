@@ -21,7 +21,7 @@ from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge, nearest_winding
 from pinproof.ik.task import Task, TaskLike, make_task
 from pinproof.model import Arm
-from pinproof.spatial import SE3, Array, finite, rigid, rigid_many
+from pinproof.spatial import SE3, Array, finite, rigid, rigid_many, rigid_matrix
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 
@@ -96,8 +96,10 @@ class AnalyticIk:
         known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
             plan = self._plan(arm)
-        reference = _reference(arm, plan, q0)
-        if not (
+        reference = plan.home if q0 is None else _reference(arm, plan, q0)
+        if type(target) is SE3:
+            target = rigid_matrix("target", target)
+        elif not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
             target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)

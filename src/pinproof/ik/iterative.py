@@ -44,6 +44,7 @@ from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
 
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
+ENGINES = get_args(EngineName)
 
 SAME_SOLUTION = 1e-3
 """Solutions whose joints all differ by less (rad or m) count as one. At a singular target, configurations up to about
@@ -93,8 +94,8 @@ class IterativeIk(ABC):
             require_positive(name, getattr(self, name))
         require_integer("max_iterations", self.max_iterations, 1)
         require_integer("restarts", self.restarts, 0)
-        if self.engine not in get_args(EngineName):
-            raise UnknownNameError("engine", self.engine, get_args(EngineName))
+        if self.engine not in ENGINES:
+            raise UnknownNameError("engine", self.engine, ENGINES)
 
     @abstractmethod
     def step_rule(self) -> StepRule:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import Shape as CoreShape
-from pinproof.collision.geometry.convex_pieces import SAMPLES, convex_pieces
+from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
@@ -367,7 +367,7 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
         return True, (), remark
     # A watertight mesh is covered by convex pieces if they fit it closely.
-    cover = convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
+    cover = kept_convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "

@@ -59,11 +59,17 @@ def cut_crossing(corners: Array, heights: Array) -> tuple[Array, Array]:
 
 def connected_parts(count: int, one: Indices, other: Indices) -> Indices:
     """Return the connected part of each node, numbered by their first nodes; edge k joins one[k] and other[k]."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    # Of each two labels that an edge joins, the larger is replaced by the smaller, until no edge joins different ones
+    # (Shiloach and Vishkin, 1982, "An O(log n) parallel connectivity algorithm"). The label of a part is its first node.
+    first = np.arange(count)
+    while len(one):
+        low, high = np.minimum(first[one], first[other]), np.maximum(first[one], first[other])
+        apart = low != high
+        one, other = one[apart], other[apart]
+        np.minimum.at(first, high[apart], low[apart])
+        while not np.array_equal(shorter := first[first], first):
+            first = shorter
+    return np.unique(first, return_inverse=True)[1].reshape(-1)
 
 
 class PointHull:

@@ -11,14 +11,17 @@ import pytest
 import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 from scipy.spatial import ConvexHull as Hull
 
 import pinproof as pp
 from pinproof.collision import hull_triangles
+from pinproof.collision.geometry import convex_pieces as module
 from pinproof.collision.geometry import hulls
 from pinproof.collision.geometry.bodies import MOST_EXCESS, hull_body, shape_bodies
-from pinproof.collision.geometry.convex_pieces import PIECES, clusters, convex_pieces
+from pinproof.collision.geometry.convex_pieces import PIECES, clusters, convex_pieces, kept_convex_pieces
 from pinproof.collision.geometry.hulls import PointHull, Solid, connected_parts, cut_crossing, with_area
 from pinproof.description.meshes import read_mesh
 from pinproof.verifier import verify
@@ -486,6 +489,42 @@ def test_a_cut_keeps_areas_orientation_and_sides(seed: int) -> None:
 
 def test_parts_are_numbered_by_their_first_nodes() -> None:
     assert connected_parts(6, np.array([4, 1]), np.array([2, 5])).tolist() == [0, 1, 2, 3, 2, 1]
+    assert connected_parts(0, np.empty(0, dtype=int), np.empty(0, dtype=int)).tolist() == []
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_parts_are_those_of_scipy(seed) -> None:
+    rng = np.random.default_rng(seed)
+    count, edges = rng.integers(1, 60), rng.integers(0, 60)
+    one, other = rng.integers(0, count, (2, edges))
+    graph = coo_array((np.ones(edges), (one, other)), shape=(count, count))
+    expected = connected_components(graph, directed=False)[1]
+    assert connected_parts(count, one, other).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("mesh", ["covered", "bowl"])
+def test_pieces_are_equal_with_and_without_the_cache(mesh, tmp_path, monkeypatch) -> None:
+    made = STRAIGHT if mesh == "covered" else bowl()
+    solid = Solid(np.array(made.vertices), np.array(made.faces))
+    most = 64 if mesh == "covered" else 3
+    monkeypatch.setenv("PINPROOF_CACHE", str(tmp_path))
+    written = kept_convex_pieces(solid, most=most, tolerance=1e-4)
+    assert len(list(tmp_path.glob("*.npz"))) == 1
+    with monkeypatch.context() as only:
+        only.setattr(module, "convex_pieces", None)  # the entry is read, so they are not computed
+        read = kept_convex_pieces(solid, most=most, tolerance=1e-4)
+    computed = convex_pieces(solid, most=most, tolerance=1e-4)
+    assert (written is None) == (read is None) == (computed is None) == (mesh == "bowl")
+    if computed is not None:
+        assert written.excess == read.excess == computed.excess
+        for one, two, three in zip(written.points, read.points, computed.points, strict=True):
+            assert one.dtype == two.dtype == three.dtype
+            assert np.array_equal(one, two)
+            assert np.array_equal(one, three)
+    # other settings are other entries
+    kept_convex_pieces(solid, most=most, tolerance=2e-4)
+    kept_convex_pieces(solid, most=most - 1, tolerance=1e-4)
+    assert len(list(tmp_path.glob("*.npz"))) == 3
 
 
 @pytest.mark.parametrize("products", [1, 100, 2**20])

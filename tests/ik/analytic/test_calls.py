@@ -56,6 +56,29 @@ def test_a_target_within_rounding_of_rigid_is_reached_exactly(ur5):
     assert apart(ur5, found.branches, TARGET_Q).min() < 1e-5
 
 
+def test_a_transform_is_checked_and_repaired_as_its_matrix(ur5):
+    exact = ur5.forward_kinematics(TARGET_Q)
+    for target in (exact, pp.spatial.rigid("target", exact)):
+        for method in (pp.AnalyticIk().solve_all, pp.Clik().solve):
+            one, other = method(ur5, target), method(ur5, np.array(target.homogeneous))
+            assert np.array_equal(one.q, other.q)
+            assert np.array_equal(one.position_error, other.position_error)
+    # beyond rounding, the rotation is the nearest one, and the caller's transform stays as it is
+    sheared = exact.copy()
+    sheared.rotation = exact.rotation + 3e-8 * np.random.default_rng(0).normal(size=(3, 3))
+    before = sheared.homogeneous
+    repaired = pp.AnalyticIk().solve_all(ur5, sheared).target
+    assert np.array_equal(repaired, pp.spatial.rigid("target", sheared).homogeneous)
+    assert not np.array_equal(repaired, before)
+    assert np.array_equal(sheared.homogeneous, before)
+    for number, reason in ((np.nan, "not finite"), (1.1, "not a rigid transform")):
+        wrong = exact.copy()
+        wrong.rotation = exact.rotation * number
+        for method in (pp.AnalyticIk().solve_all, pp.Clik().solve):
+            with pytest.raises(InputError, match=f"target .*{reason}"):
+                method(ur5, wrong)
+
+
 def test_invalid_settings_and_arguments_are_refused(ur5):
     target = ur5.forward_kinematics(TARGET_Q)
     for settings in ({"position_tolerance": 0.0}, {"redundant_steps": 1}):

@@ -60,8 +60,8 @@ def cut_crossing(corners: Array, heights: Array) -> tuple[Array, Array]:
 def connected_parts(count: int, one: Indices, other: Indices) -> Indices:
     """Return the connected part of each node, numbered by their first nodes; edge k joins one[k] and other[k]."""
     # Of each two labels that an edge joins, the larger is replaced by the smaller, until no edge joins different ones;
-    # the label of a part is then its first node. Source: Shiloach and Vishkin (1982), "An O(log n) parallel connectivity
-    # algorithm".
+    # the label of a part is then its first node. Source: Shiloach and Vishkin (1982), "An O(log n) parallel
+    # connectivity algorithm".
     first = np.arange(count)
     while len(one):
         low, high = np.minimum(first[one], first[other]), np.maximum(first[one], first[other])

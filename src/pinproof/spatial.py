@@ -242,7 +242,7 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> pin.
 
 def rigid_matrix(name: str, value: pin.SE3 | npt.ArrayLike, *, batch: str = "") -> Array:
     """As :func:`rigid`, but returns the (4, 4) matrix, which is faster."""
-    if type(value) is pin.SE3:
+    if isinstance(value, pin.SE3):
         copy: Array = value.homogeneous  # a new array
         if is_rigid(copy):
             return copy

@@ -300,7 +300,7 @@ def box(scale: float = 1.0) -> trimesh.Trimesh:
     return trimesh.creation.box(bounds=BOUNDS * scale)
 
 
-def dae(path, up, unit, shift="0 0 0"):
+def dae_box(path, up, unit, shift="0 0 0"):
     made = box(1 / unit)
     path.write_text(
         DAE.format(
@@ -330,11 +330,11 @@ def test_millimetres_of_an_stl_are_scaled_by_the_urdf(tmp_path):
 @pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
 @pytest.mark.parametrize("unit", [1.0, 0.001, 0.0254])
 def test_the_unit_of_collada_is_used_and_its_up_axis_ignored(tmp_path, up, unit):
-    np.testing.assert_allclose(bounds(dae(tmp_path / "m.dae", up, unit)), BOUNDS, atol=1e-6)
+    np.testing.assert_allclose(bounds(dae_box(tmp_path / "m.dae", up, unit)), BOUNDS, atol=1e-6)
 
 
 def test_collada_nodes_place_their_geometry(tmp_path):
-    placed = bounds(dae(tmp_path / "m.dae", "Z_UP", 0.001, shift="0 0 500"))
+    placed = bounds(dae_box(tmp_path / "m.dae", "Z_UP", 0.001, shift="0 0 500"))
     np.testing.assert_allclose(placed, BOUNDS + np.array([0, 0, 0.5]), atol=1e-6)
 
 
@@ -356,7 +356,7 @@ def test_gltf_is_rotated_from_y_up_to_z_up(tmp_path, suffix):
 
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "mm"])
 def test_an_unknown_unit_is_refused(tmp_path, unit):
-    file = dae(tmp_path / "m.dae", "Z_UP", 1.0)
+    file = dae_box(tmp_path / "m.dae", "Z_UP", 1.0)
     file.write_text(file.read_text().replace('meter="1.0"', f'meter="{unit}"'))
     with pytest.raises(pp.errors.MeshError, match="unit that is not a positive number"):
         read_mesh(file)

@@ -1,5 +1,5 @@
 // Proofs of curves.
-#include "bindings/exact_judge.h"
+#include "bindings/arrays.h"
 #include "bindings/structs.h"
 #include "certificate/curve_proof.h"
 #include "certificate/departure.h"
@@ -19,12 +19,11 @@ constexpr auto read_shaped = [](const auto&... arguments) { return shaped(argume
 constexpr auto read_finite = [](const auto&... arguments) { return finite(arguments...); };
 
 ProofState prove(const World& world, const Vector& knots, const Stack& control, const ProofSettings& settings,
-                 const Vector& joint_tolerance, nb::object exact, const ProofState& known) {
+                 const Vector& joint_tolerance, const ProofState& known) {
     const CurveView curve = curve_of(knots, control, world.space().tree.dof, read_shaped);
     const double* tolerance = shaped("joint_tolerance", joint_tolerance, {curve.dof}).data();
-    PythonJudge judge(std::move(exact), curve.dof);
     nb::gil_scoped_release release;
-    return CurveProof(world).run(curve, settings, tolerance, judge, known);
+    return CurveProof(world).run(curve, settings, tolerance, known);
 }
 
 ConstraintState prove_one(const Chain& chain, const PathConstraint& constraint, const Vector& knots,
@@ -198,9 +197,8 @@ void bind_certificate(nb::module_& module) {
                 return table(state.evidence, &Evidence::start, &Evidence::end, &Evidence::pair, &Evidence::distance,
                              along(0), along(1), along(2));
             }, "(L, 7) start, end, pair, proven distance, direction in the root frame (zeros: balls).");
-    module.def("prove", &prove, "world"_a, "knots"_a, "control"_a, "settings"_a, "joint_tolerance"_a, "exact"_a,
-               "known"_a, "The ProofState of a curve, from what is `known` of it. `exact` measures the pairs that only "
-               "coal can.");
+    module.def("prove", &prove, "world"_a, "knots"_a, "control"_a, "settings"_a, "joint_tolerance"_a, "known"_a,
+               "The ProofState of a curve, from what is `known` of it.");
     bind_parts_of_proofs(module);
 }
 

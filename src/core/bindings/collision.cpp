@@ -2,6 +2,7 @@
 #include <bit>
 
 #include "bindings/structs.h"
+#include "collision/mesh.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
 #include "collision/world.h"
@@ -28,8 +29,18 @@ void bind_shapes(nb::module_& module) {
             "The hull of points (V, 3) with discs (V,) about z, to which a ball and an ellipsoid are added.")
         .def_static("half_space", [](const Matrix& box) { return make(ShapeKind::kHalfSpace, box); }, "box"_a,
                     "Everything below z = 0.")
-        .def_static("exact", [](const Matrix& box) { return make(ShapeKind::kExact, box); }, "box"_a,
-                    "A shape without a support function, whose distances the caller measures.")
+        .def_static(
+            "mesh",
+            [](const Matrix& corners, const Matrix& witnesses, bool closed, const Matrix& box) {
+                const auto points = finite("corners", corners, {kSome, 9});
+                auto shape = make(ShapeKind::kMesh, box);
+                shape->mesh = std::make_shared<TriangleMesh>(points, finite("witnesses", witnesses, {kAny, 3}), closed);
+                return shape;
+            }, "corners"_a, "witnesses"_a, "closed"_a, "box"_a,
+            "Triangles (F, 9) with a point of each connected part (W, 3). A closed mesh is solid.")
+        .def("contains", [](const Shape& shape, const Vector& point) {
+                return shape.mesh != nullptr && shape.mesh->contains(vec3("point", point));
+            }, "point"_a, "Whether a point (3,) is inside a closed mesh.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
 }
@@ -86,7 +97,7 @@ void bind_world(nb::module_& module) {
         .def_prop_ro("still", [](const World& world) { return array_of<std::int64_t>(world.still); },
                      "The pairs that no joint moves relative to each other.")
         .def_prop_ro("convex", [](const World& world) { return column<bool>(world.pairs, &Pair::convex); },
-                     "(P,) whether both bodies of a pair have a support function, so that the core measures it.")
+                     "(P,) whether both bodies of a pair have a support function, as no mesh has.")
         .def_prop_ro("first_directions", [](const World& world) {
                 return filled<double>({world.pairs.size(), 3}, [&](double* out) {
                     for (const Pair& pair : world.pairs)
@@ -95,13 +106,12 @@ void bind_world(nb::module_& module) {
             }, "(P, 3) the direction at which the search for the distance of a pair begins; zeros: any.");
 }
 
-// The result for one configuration, without the pairs.
+// The result for one configuration.
 constexpr int kFree = 0, kContact = -1, kNotFinite = -2;
 
 int judge(Workspace& self, const double* q) {
     if (!self.place_at(q)) return kNotFinite;
-    if (self.any_contact()) return kContact;
-    return static_cast<int>(self.left().size());
+    return self.any_contact() ? kContact : kFree;
 }
 
 const double* configuration(const Workspace& self, const Vector& q) {
@@ -128,7 +138,7 @@ void bind_workspace(nb::module_& module) {
         .def("place", [](Workspace& self, const Vector& q) { self.place_at(configuration(self, q)); }, "q"_a)
         // No conversion of q, which would hide copies in inner loops.
         .def("judge", [](Workspace& self, const Vector& q) { return judge(self, configuration(self, q)); },
-             "q"_a.noconvert(), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
+             "q"_a.noconvert(), "FREE, CONTACT or NOT_FINITE.")
         .def("judge_many", [](Workspace& self, const Matrix& configurations) {
                 std::int64_t* numbers = nullptr;
                 auto array = filled({configurations.shape(0)}, numbers);
@@ -138,44 +148,42 @@ void bind_workspace(nb::module_& module) {
         .def("find_contacts", [](Workspace& self, const Vector& q) {
                 place_finite(self, q);
                 self.find_contacts();
-                return std::tuple(self.contacts(), self.left());
-            }, "q"_a, "(pairs in contact, pairs left to the caller) at q, which must be finite.")
+                return self.contacts();
+            }, "q"_a, "The pairs in contact at q, which must be finite.")
         .def("find_nearest", [](Workspace& self, const Vector& q) {
                 place_finite(self, q);
                 const Nearest nearest = self.find_nearest();
-                return std::tuple(self.contacts(), self.left(), nearest.lower, nearest.upper, nearest.pair);
+                return std::tuple(self.contacts(), nearest.lower, nearest.upper, nearest.pair);
             }, "q"_a,
-            "(overlapping pairs, pairs left to the caller, lower and upper bound of the smallest distance of the "
-            "others, its pair) at q, which must be finite.")
+            "(overlapping pairs, lower and upper bound of the smallest distance of the others, its pair) at q, which "
+            "must be finite.")
         .def("find_nearest_many", [](Workspace& self, const Matrix& configurations) {
                 double* lower = nullptr;
-                bool* open = nullptr;
+                bool* overlap = nullptr;
                 const std::size_t count = configurations.shape(0);
-                std::tuple arrays(filled({count}, lower), filled({count}, open));
+                std::tuple arrays(filled({count}, lower), filled({count}, overlap));
                 ask_all(self, configurations, [&](const double* q, std::size_t row) {
                     const bool finite = self.place_at(q);
                     lower[row] = finite ? self.find_nearest().lower : std::nan("");
-                    open[row] = finite && !(self.contacts().empty() && self.left().empty());
+                    overlap[row] = finite && !self.contacts().empty();
                 });
                 return arrays;
             }, "configurations"_a,
-            "(N,) lower bounds of the smallest distance, and whether pairs overlap or are left to the caller.")
+            "(N,) lower bounds of the smallest distance, and whether pairs overlap.")
         .def("measure", [](const Workspace& self, std::size_t pair) {
-                if (pair >= self.world().pairs.size() || !self.world().pairs[pair].convex)
-                    refuse("not a pair of convex bodies");
+                if (pair >= self.world().pairs.size()) refuse("not a pair of bodies");
                 const auto [bounds, points, normal] = self.measure(static_cast<int>(pair));
                 const Vec3 &a = points.of_a, &b = points.of_b;
                 auto witnesses = rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3);
                 return std::tuple(bounds.lower, bounds.upper, witnesses, normal);
             }, "pair"_a,
-            "(lower, upper, points (2, 3), normal (3,)) of the distance of a convex pair, in the root frame.")
-        .def_prop_ro("left", &Workspace::left, "The pairs that the last query left to the caller.")
+            "(lower, upper, points (2, 3), normal (3,)) of the distance of a pair, in the root frame.")
         .def("root_from_body", [](const Workspace& self, std::size_t body) {
                 return self.bodies().at(body).root_from_body;
             }, "body"_a);
+    module.attr("FREE") = kFree;
     module.attr("CONTACT") = kContact;
     module.attr("NOT_FINITE") = kNotFinite;
-    static_assert(kFree == 0);
 }
 
 using Cells = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;

@@ -1,7 +1,7 @@
 // Edges, searches and shortcuts in joint space, and the order of jobs with options.
 #include <optional>
 
-#include "bindings/exact_judge.h"
+#include "bindings/arrays.h"
 #include "bindings/structs.h"
 #include "planning/edge_checker.h"
 #include "planning/manifold.h"
@@ -12,10 +12,6 @@
 
 namespace pinproof {
 namespace {
-
-std::unique_ptr<ExactJudge> judge(nb::object exact, const World& world) {
-    return std::make_unique<PythonJudge>(std::move(exact), world.space().tree.dof);
-}
 
 // Whether an edge is free, by one of the checks.
 auto of_edge(bool (EdgeChecker::*check)(const double*, const double*)) {
@@ -28,15 +24,13 @@ auto of_edge(bool (EdgeChecker::*check)(const double*, const double*)) {
 
 void bind_edges(nb::module_& module) {
     nb::class_<EdgeChecker>(module, "EdgeChecker", "Checks straight edges in joint space by samples and by proofs.")
-        .def(nb::new_([](std::shared_ptr<World> world, nb::object exact, double resolution) {
-                 auto by_exact = judge(std::move(exact), *world);
-                 return new EdgeChecker(std::move(world), std::move(by_exact), positive("resolution", resolution));
-             }), "world"_a, "exact"_a, "resolution"_a)
-        .def("set_steering", [](EdgeChecker& self, std::shared_ptr<World> world, nb::object exact, bool blocked) {
+        .def(nb::new_([](std::shared_ptr<World> world, double resolution) {
+                 return new EdgeChecker(std::move(world), positive("resolution", resolution));
+             }), "world"_a, "resolution"_a)
+        .def("set_steering", [](EdgeChecker& self, std::shared_ptr<World> world, bool blocked) {
                 if (!self.has_bodies_of(*world)) refuse("the worlds have different bodies");
-                auto by_exact = judge(std::move(exact), *world);
-                self.set_steering(std::move(world), std::move(by_exact), blocked);
-            }, "world"_a, "exact"_a, "blocked"_a, "Take samples in another world; `blocked`: none is free.")
+                self.set_steering(std::move(world), blocked);
+            }, "world"_a, "blocked"_a, "Take samples in another world; `blocked`: none is free.")
         .def(
             "set_resolution",
             [](EdgeChecker& self, double resolution) { self.set_resolution(positive("resolution", resolution)); },

@@ -66,7 +66,7 @@ CurveProof::CurveProof(const World& world)
 }
 
 ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings, const double* joint_tolerance,
-                           ExactJudge& exact, const ProofState& known) {
+                           const ProofState& known) {
     curve_ = curve;
     settings_ = settings;
     joint_tolerance_ = joint_tolerance;
@@ -91,7 +91,7 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         sum.joint_tube = state_.joint_tube;
         sum.obstacle_tube = state_.obstacle_tube;
         if (interval.all_pairs) list_pairs(interval, sum);
-        judge_pairs(interval, control, sum, exact);
+        judge_pairs(interval, control, sum);
         ++state_.intervals;
         state_.proven = sum.proven;
         state_.joint_tube = sum.joint_tube;
@@ -189,20 +189,14 @@ void CurveProof::list_pairs(Interval& interval, Summary& sum) {
 }
 
 // Judge each pair of an interval; those that stay open follow its list.
-void CurveProof::judge_pairs(const Interval& interval, const double* control, Summary& sum, ExactJudge& exact) {
+void CurveProof::judge_pairs(const Interval& interval, const double* control, Summary& sum) {
     sum.list = interval.list + interval.pairs;
     if (lists_.size() < sum.list + interval.pairs) lists_.resize(sum.list + interval.pairs);
-    left_.clear();
-    for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, control, nullptr, sum);
-    if (left_.empty()) return;
-    exact_.resize(left_.size());
-    exact.measure(middle_.data(), left_, exact_);
-    for (std::size_t i = 0; i < left_.size(); ++i) judge(left_[i], interval, control, &exact_[i], sum);
+    for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, control, sum);
 }
 
-// Judge a pair in an interval. `exact` is its distance if the caller measured it.
-void CurveProof::judge(int k, const Interval& interval, const double* control, const ExactDistance* exact,
-                       Summary& sum) {
+// Judge a pair in an interval.
+void CurveProof::judge(int k, const Interval& interval, const double* control, Summary& sum) {
     const Geometry& space = world_.space();
     const Pair& pair = world_.pairs[k];
     const double margin = pair.margin, goal = this->goal(margin);
@@ -215,40 +209,32 @@ void CurveProof::judge(int k, const Interval& interval, const double* control, c
     double distance = kInfinity;
     Vec3 direction;
     if (!(lower > enough)) {
-        if (exact != nullptr) {
-            distance = exact->attained;
-            lower = std::max(lower, exact->proven);
-        } else if (!pair.convex) {
-            left_.push_back(k);
-            return;
-        } else {
-            PairMemory& memory = memory_of(k);
-            // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
-            // at this configuration is checked.
-            const bool hopeless =
-                !is_single_piece(interval) || approach.distance > kHopeless * std::max(memory.distance, goal);
-            const bool quick = settings_.goal_share == 0.0;
-            const DistanceQuery query{.above = hopeless ? margin : enough,
-                                      .below = margin,
-                                      .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
-                                      .share = quick ? kQuickShare : 0.0};
-            const DistanceBounds bounds =
-                bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query, memory.separation);
-            lower = bounds.lower;
-            distance = bounds.upper;
-            if (distance < kInfinity) memory.distance = distance;
-            if (!hopeless && !(lower > enough) && distance > margin) {
-                direction = bodies_[pair.a].root_from_body.rotation * memory.separation.direction;
-                const int points = static_cast<int>(curve_.points);
-                const Approach tight =
-                    settings_.wants_tubes
-                        ? bounds_.tight<true>(pair, approach.split, direction, control, points, middle_.data())
-                        : bounds_.tight<false>(pair, approach.split, direction, control, points, middle_.data());
-                if (tight.distance < approach.distance) {
-                    approach.distance = tight.distance;
-                    approach.growth = tight.growth;
-                    growth_range = kGrowthRange;
-                }
+        PairMemory& memory = memory_of(k);
+        // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
+        // at this configuration is checked.
+        const bool hopeless =
+            !is_single_piece(interval) || approach.distance > kHopeless * std::max(memory.distance, goal);
+        const bool quick = settings_.goal_share == 0.0;
+        const DistanceQuery query{.above = hopeless ? margin : enough,
+                                  .below = margin,
+                                  .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
+                                  .share = quick ? kQuickShare : 0.0};
+        const DistanceBounds bounds =
+            bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query, memory.separation);
+        lower = bounds.lower;
+        distance = bounds.upper;
+        if (distance < kInfinity) memory.distance = distance;
+        if (!hopeless && pair.convex && !(lower > enough) && distance > margin) {
+            direction = bodies_[pair.a].root_from_body.rotation * memory.separation.direction;
+            const int points = static_cast<int>(curve_.points);
+            const Approach tight =
+                settings_.wants_tubes
+                    ? bounds_.tight<true>(pair, approach.split, direction, control, points, middle_.data())
+                    : bounds_.tight<false>(pair, approach.split, direction, control, points, middle_.data());
+            if (tight.distance < approach.distance) {
+                approach.distance = tight.distance;
+                approach.growth = tight.growth;
+                growth_range = kGrowthRange;
             }
         }
         state_.observed = std::min(state_.observed, distance);

@@ -33,20 +33,6 @@ struct CurveView {
 // Bisect a piece (points, dof) into two (de Casteljau).
 void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right);
 
-// Distances of pairs with a body without a support function, which the caller measures.
-struct ExactDistance {
-    double attained;  // an upper bound (m) of the distance
-    double proven;    // a lower bound (m)
-};
-class ExactJudge {
-public:
-    virtual ~ExactJudge() = default;
-    // The distances of pairs at q; `found` has one entry per pair.
-    virtual void measure(const double* q, std::span<const int> pairs, std::span<ExactDistance> found) = 0;
-    // Whether one of the pairs is within its margin at q.
-    virtual bool any_contact(const double* q, std::span<const int> pairs) = 0;
-};
-
 struct ProofSettings {
     double tolerance = 1e-4;            // m; an interval in which bodies move less is not bisected further
     std::int64_t max_intervals = 2000;  // after which the rest of the curve is undecided
@@ -101,7 +87,7 @@ public:
     // Prove a curve, or find a contact. The distances in `known` are those that the caller found before, such as at the
     // ends of the curve and of the pairs that no joint moves.
     ProofState run(const CurveView& curve, const ProofSettings& settings, const double* joint_tolerance,
-                   ExactJudge& exact, const ProofState& known = {});
+                   const ProofState& known = {});
 
 private:
     // A part of the curve that is to be proven, and its pairs.
@@ -132,8 +118,8 @@ private:
 
     Middle place_middle(const Interval& interval, const double* part);
     void list_pairs(Interval& interval, Summary& sum);
-    void judge_pairs(const Interval& interval, const double* part, Summary& sum, ExactJudge& exact);
-    void judge(int pair, const Interval& interval, const double* part, const ExactDistance* exact, Summary& sum);
+    void judge_pairs(const Interval& interval, const double* part, Summary& sum);
+    void judge(int pair, const Interval& interval, const double* part, Summary& sum);
     bool decide(const Interval& interval, const Summary& sum);
     void bisect(const Interval& interval, const Middle& middle, const Summary& sum);
     void push(const Interval& interval, const double* part);
@@ -154,8 +140,6 @@ private:
     std::vector<double> part_;    // of the interval in work
     std::vector<double> halves_;  // (2, points, dof) of its halves
     std::vector<int> lists_;      // the pairs of all intervals on the stack
-    std::vector<int> left_;       // the pairs of this interval that the caller must measure
-    std::vector<ExactDistance> exact_;
     std::vector<PairMemory> memory_;
     std::vector<int> memory_of_pair_;  // the index of each pair in memory_; -1: none
 };

@@ -5,6 +5,8 @@
 #include <tuple>
 #include <utility>
 
+#include "collision/mesh.h"
+
 namespace pinproof {
 namespace {
 
@@ -66,8 +68,6 @@ Barycentric closest_on_triangle(const Vec3& a, const Vec3& b, const Vec3& c) {
 }
 
 bool same(const Vec3& a, const Vec3& b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
-
-double size_1(const Vec3& v) { return std::abs(v.x) + std::abs(v.y) + std::abs(v.z); }
 
 // Weights of the point of a tetrahedron closest to the origin: on the closest face that it is beyond, or inside. For a
 // flat tetrahedron every face is tried, so that a volume that is due to rounding decides nothing.
@@ -147,7 +147,8 @@ bool move_to_nearest(Simplex& simplex, Vec3& nearest) {
 }
 
 // bound_distance for body a and the half-space below the plane through b's x and y, from one support point.
-DistanceBounds above_plane(const Shape& a, const Transform& a_from_b, Separation& separation) {
+template <class A>
+DistanceBounds above_plane(const A& a, const Transform& a_from_b, Separation& separation) {
     const Vec3 u = -a_from_b.rotation.column(2);
     const Vec3 point = support(a, u);
     double gap = dot(u, a_from_b.translation - point);
@@ -171,11 +172,10 @@ void place_again(Simplex& simplex, int count, const Transform& a_from_b, const V
     }
 }
 
-}  // namespace
-
-DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
-                              Separation& separation) {
-    if (b.kind == ShapeKind::kHalfSpace) return above_plane(a, a_from_b, separation);
+// bound_distance for two bodies with support functions.
+template <class A, class B>
+DistanceBounds iterate(const A& a, const B& b, const Transform& a_from_b, const DistanceQuery& query,
+                       Separation& separation) {
     const double grown = a.radius + b.radius;
     Simplex& simplex = separation.simplex;
     Vec3 v = separation.direction;
@@ -226,6 +226,32 @@ DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a
         return {-kInfinity, kInfinity};
     }
     return {lower - grown, upper > kOverlap ? upper : 0.0};
+}
+
+}  // namespace
+
+DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+                              Separation& separation) {
+    if (a.kind == ShapeKind::kMesh || b.kind == ShapeKind::kMesh)
+        return bound_mesh_distance(a, b, a_from_b, query, separation);
+    if (b.kind == ShapeKind::kHalfSpace) return above_plane(a, a_from_b, separation);
+    return iterate(a, b, a_from_b, query, separation);
+}
+
+DistanceBounds bound_distance(const Triangle& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+                              Separation& separation) {
+    if (b.kind == ShapeKind::kHalfSpace) return above_plane(a, a_from_b, separation);
+    return iterate(a, b, a_from_b, query, separation);
+}
+
+DistanceBounds bound_distance(const Shape& a, const Triangle& b, const Transform& a_from_b, const DistanceQuery& query,
+                              Separation& separation) {
+    return iterate(a, b, a_from_b, query, separation);
+}
+
+DistanceBounds bound_distance(const Triangle& a, const Triangle& b, const Transform& a_from_b,
+                              const DistanceQuery& query, Separation& separation) {
+    return iterate(a, b, a_from_b, query, separation);
 }
 
 Witnesses witnesses(const Shape& a, const Shape& b, const Separation& separation) {

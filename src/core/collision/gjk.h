@@ -10,6 +10,8 @@
 //
 // Balls are omitted in the iteration and subtracted from both bounds: a sphere is a point, a capsule a segment.
 //
+// For a mesh, both are the smallest bounds over its triangles (mesh.h).
+//
 // Sources: E. Gilbert, D. Johnson, S. Keerthi (1988), "A fast procedure for computing the distance between complex
 // objects in three-dimensional space", IEEE Journal of Robotics and Automation 4(2); C. Ericson (2005), "Real-time
 // collision detection", sections 5.1.5 and 5.1.6 (nearest points of triangle and tetrahedron), 9.5.
@@ -42,6 +44,7 @@ struct Separation {
     Vec3 direction;  // in the frame of a; zeros: unknown. Afterwards the unit vector whose support gap is the lower
                      // bound.
     Simplex simplex;
+    int of_a = -1, of_b = -1;  // of a mesh: the triangle to which direction and simplex belong; -1: unknown
 };
 
 // When a query ends; by default with both bounds.
@@ -59,6 +62,14 @@ struct DistanceBounds {
 // Bounds of the distance of a and b. At the limit of floating point they may differ by more than the precision.
 DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
                               Separation& separation);
+
+// The same for triangles and shapes without triangles.
+DistanceBounds bound_distance(const Triangle& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+                              Separation& separation);
+DistanceBounds bound_distance(const Shape& a, const Triangle& b, const Transform& a_from_b, const DistanceQuery& query,
+                              Separation& separation);
+DistanceBounds bound_distance(const Triangle& a, const Triangle& b, const Transform& a_from_b,
+                              const DistanceQuery& query, Separation& separation);
 
 // The points of a and b, in the frame of a, that the simplex of a completed query combines; their balls included.
 struct Witnesses {

@@ -3,41 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "collision/boxes.h"
+
 namespace pinproof {
-namespace {
-
-// The distance of a box and a point at `offset` from its centre, in the frame of the box.
-double point_to_box(const Vec3& offset, const Vec3& half) {
-    double total = 0.0;
-    for (int i = 0; i < 3; ++i) {
-        const double out = std::max(std::abs(offset[i]) - half[i], 0.0);
-        total += out * out;
-    }
-    return std::sqrt(total);
-}
-
-// The largest gap of two boxes along the six normals of their faces; `offset` is the centre of b in the frame of a.
-// Sides without end give no gap: comparisons with NaN are false.
-double gap_of_faces(const Mat3& a_from_b, const Vec3& offset, const Vec3& half_a, const Vec3& half_b) {
-    double gap = -std::numeric_limits<double>::infinity();
-    for (int i = 0; i < 3; ++i) {
-        double reach = half_a[i];
-        for (int j = 0; j < 3; ++j) reach += std::abs(a_from_b.m[i][j]) * half_b[j];
-        const double here = std::abs(offset[i]) - reach;
-        if (here > gap) gap = here;
-    }
-    const Vec3 offset_b = transposed_times(a_from_b, offset);
-    for (int j = 0; j < 3; ++j) {
-        double reach = half_b[j];
-        for (int i = 0; i < 3; ++i) reach += std::abs(a_from_b.m[i][j]) * half_a[i];
-        const double here = std::abs(offset_b[j]) - reach;
-        if (here > gap) gap = here;
-    }
-    return gap;
-}
-
-}  // namespace
-
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
                             double enough, std::optional<Transform>& a_from_b) {
     const Vec3 between = b.centre - a.centre;
@@ -56,7 +24,6 @@ double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const Pla
 Workspace::Workspace(std::shared_ptr<const World> world)
     : world_(std::move(world)), joints_(world_->space().tree.joints.size()), bodies_(world_->space().at_rest) {
     contacts_.reserve(world_->pairs.size());
-    left_.reserve(world_->pairs.size());
     likely_.fill(-1);
 }
 
@@ -101,10 +68,6 @@ struct SmallestDistance {
 template <class Question>
 bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& question) {
     const Pair& pair = world_->pairs[k];
-    if (!pair.convex) {
-        left_.push_back(k);
-        return false;
-    }
     if (!a_from_b) a_from_b = relative(bodies_[pair.a].root_from_body, bodies_[pair.b].root_from_body);
     Separation separation;
     separation.direction = pair.first_direction;
@@ -121,7 +84,6 @@ bool Workspace::ask(Question& question) {
     const World& world = *world_;
     const Geometry& space = world.space();
     contacts_.clear();
-    left_.clear();
     std::optional<Transform> a_from_b;
     const auto decided = [&](int a, int b, double limit) {
         a_from_b.reset();

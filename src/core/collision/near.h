@@ -1,7 +1,7 @@
 // The bodies that are in contact, or closest, at one configuration.
 //
 // Far pairs are decided by balls and boxes, obstacles many at once by a tree of boxes, and the others by bounds of
-// their distance (gjk.h). Pairs with a body without a support function are left to the caller.
+// their distance (gjk.h).
 #pragma once
 
 #include <array>
@@ -33,7 +33,7 @@ inline double ball_to_node(const Vec3& centre, double radius, const ObstacleNode
 
 // The result for one configuration.
 struct Nearest {
-    // Bounds (m) of the smallest distance over the pairs that do not overlap and are not left to the caller.
+    // Bounds (m) of the smallest distance over the pairs that do not overlap.
     double lower = std::numeric_limits<double>::infinity();
     double upper = std::numeric_limits<double>::infinity();
     int pair = -1;  // the pair of `upper`
@@ -43,7 +43,8 @@ struct Nearest {
 struct Measured {
     DistanceBounds bounds;
     Witnesses points;  // in the root frame
-    Vec3 normal;       // the unit vector from a to b along which their supports are `bounds.lower` apart
+    Vec3 normal;       // the unit vector from a to b along which their supports are `bounds.lower` apart; of a mesh,
+                       // that of its closest triangle
 };
 
 // The bodies of a world at one configuration. Each thread needs its own.
@@ -55,7 +56,6 @@ public:
     bool place_at(const double* q) { return place(world_->space(), q, joints_, bodies_); }
 
     // The questions about the placed bodies. A pair is in contact unless it is proven farther apart than its margin.
-    // The pairs that are left to the caller are in left().
 
     // Whether a pair is in contact. Stops at the first one.
     bool any_contact();
@@ -67,7 +67,6 @@ public:
     Measured measure(int pair) const;
 
     const std::vector<int>& contacts() const { return contacts_; }
-    const std::vector<int>& left() const { return left_; }
     const World& world() const { return *world_; }
     const std::vector<Transform>& joints() const { return joints_; }
     const std::vector<PlacedBody>& bodies() const { return bodies_; }
@@ -85,7 +84,7 @@ private:
     std::shared_ptr<const World> world_;
     std::vector<Transform> joints_;
     std::vector<PlacedBody> bodies_;
-    std::vector<int> contacts_, left_;
+    std::vector<int> contacts_;
     std::array<int, kLikely> likely_;
 };
 

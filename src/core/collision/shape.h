@@ -1,8 +1,9 @@
-// The shape of a body: its support function if it is convex, and the volumes that bound it.
+// The shape of a body: its support function if it is convex, or its triangles, and the volumes that bound it.
 #pragma once
 
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -22,13 +23,22 @@ struct PointBlock {
 enum class ShapeKind {
     kConvex,
     kHalfSpace,  // everything below z = 0 of its own frame
-    kExact,      // a triangle mesh or grid without a support function; the caller measures its distances
+    kMesh,       // triangles, see mesh.h
+};
+
+struct TriangleMesh;
+
+// A triangle of a mesh: a convex shape of three points.
+struct Triangle {
+    static constexpr double radius = 0.0;
+    Vec3 corners[3];
 };
 
 // A convex shape is the hull of points, each with a flat disc, to which a ball and an ellipsoid are added (Minkowski
 // sums): a sphere is a point and a ball, a cylinder has two points with discs.
 struct Shape {
-    ShapeKind kind = ShapeKind::kExact;
+    ShapeKind kind = ShapeKind::kConvex;
+    std::shared_ptr<const TriangleMesh> mesh;  // of a mesh only
     std::vector<PointBlock> points;
     bool has_discs = false;
     bool is_box = false;  // the points are the eight corners of the box `corners_centre` +- `corners_half`
@@ -106,6 +116,13 @@ inline Vec3 support(const Shape& shape, const Vec3& d) {
         if (length > 0.0) point += (1.0 / length) * stretched;
     }
     return point;
+}
+
+inline Vec3 support(const Triangle& triangle, const Vec3& d) {
+    const Vec3 &a = triangle.corners[0], &b = triangle.corners[1], &c = triangle.corners[2];
+    const double along_a = dot(a, d), along_b = dot(b, d), along_c = dot(c, d);
+    if (along_a >= along_b) return along_a >= along_c ? a : c;
+    return along_b >= along_c ? b : c;
 }
 
 }  // namespace pinproof

@@ -108,7 +108,7 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         pair.b = static_cast<int>(bodies[2 * k + 1]);
         pair.with_obstacle = static_cast<std::size_t>(pair.b) >= space.robot_bodies;
         const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
-        pair.convex = a.shape->kind != ShapeKind::kExact && b.shape->kind != ShapeKind::kExact;
+        pair.convex = a.shape->kind != ShapeKind::kMesh && b.shape->kind != ShapeKind::kMesh;
         // All pairs of a body with obstacles have the same joints between them.
         const bool repeated =
             pair.with_obstacle && !pairs.empty() && pairs.back().with_obstacle && pairs.back().a == pair.a;

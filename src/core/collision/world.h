@@ -58,7 +58,7 @@ struct Pair {
     int a, b;
     double margin;       // m
     bool with_obstacle;  // whether b is an obstacle
-    bool convex;         // whether both have a support function; otherwise the caller measures them
+    bool convex;         // whether both have a support function, which bounds their distance along a direction
 
     // The joints between the bodies: `joints` of them in World::between, from a to b; the first `up` of them carry a,
     // the others b. Mimic multipliers of 0 count; `moving` states whether any joint moves the bodies relative to each

@@ -23,6 +23,7 @@ inline Vec3 cross(const Vec3& a, const Vec3& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 inline double squared_norm(const Vec3& a) { return dot(a, a); }
+inline double size_1(const Vec3& a) { return std::abs(a.x) + std::abs(a.y) + std::abs(a.z); }
 inline double norm(const Vec3& a) { return std::sqrt(dot(a, a)); }
 
 // A rotation matrix; m[row][column].

@@ -12,9 +12,8 @@ constexpr int kMostSamples = 1024;
 
 }  // namespace
 
-EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution)
+EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, double resolution)
     : world_(std::move(world)),
-      exact_(std::move(exact)),
       proof_(*world_),
       sampler_(world_),
       resolution_(resolution),
@@ -28,9 +27,8 @@ bool EdgeChecker::has_bodies_of(const World& world) const {
            here.robot_bodies == there.robot_bodies;
 }
 
-void EdgeChecker::set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked) {
+void EdgeChecker::set_steering(std::shared_ptr<const World> world, bool blocked) {
     sampler_.emplace(std::move(world));
-    steering_exact_ = std::move(exact);
     blocked_ = blocked;
 }
 
@@ -57,13 +55,11 @@ bool EdgeChecker::Load::is_held(const double* q) {
 
 bool EdgeChecker::samples_free(const double* a, const double* b) {
     if (blocked_) return false;
-    deferred_.clear();
-    return is_sample_free(b) && inner_samples_free(a, b) && deferred_free();
+    return is_sample_free(b) && inner_samples_free(a, b);
 }
 
 bool EdgeChecker::points_free(std::span<const double> points) {
     if (blocked_) return false;
-    deferred_.clear();
     const std::size_t count = points.size() / dof();
     const auto point = [&](std::size_t i) { return points.data() + i * dof(); };
     std::size_t stride = 1;
@@ -76,7 +72,7 @@ bool EdgeChecker::points_free(std::span<const double> points) {
         sampler_->place_at(point(i));  // motion() requires the bodies at the end of the edge.
         if (!inner_samples_free(point(i - 1), point(i))) return false;
     }
-    return deferred_free();
+    return true;
 }
 
 // The samples between a and b, with the bodies placed at b.
@@ -94,13 +90,6 @@ bool EdgeChecker::inner_samples_free(const double* a, const double* b) {
     return true;
 }
 
-// Whether the samples that only the caller can judge are free.
-bool EdgeChecker::deferred_free() {
-    ExactJudge& exact = steering_exact_ ? *steering_exact_ : *exact_;
-    return std::ranges::none_of(
-        deferred_, [&](const Deferred& sample) { return exact.any_contact(sample.q.data(), sample.pairs); });
-}
-
 bool EdgeChecker::proven_free(const double* a, const double* b) {
     if (!samples_free(a, b)) return false;
     std::copy_n(a, dof(), control_.data());
@@ -109,15 +98,13 @@ bool EdgeChecker::proven_free(const double* a, const double* b) {
 }
 
 bool EdgeChecker::curve_proven_free(const CurveView& curve) {
-    return !blocked_ && proof_.run(curve, {}, no_tolerance_.data(), *exact_).free();
+    return !blocked_ && proof_.run(curve, {}, no_tolerance_.data()).free();
 }
 
 bool EdgeChecker::is_sample_free(const double* q) {
     ++samples_;
     if (load_ && !load_->is_held(q)) return false;
-    if (!sampler_->place_at(q) || sampler_->any_contact()) return false;
-    if (!sampler_->left().empty()) deferred_.push_back({{q, q + dof()}, sampler_->left()});
-    return true;
+    return sampler_->place_at(q) && !sampler_->any_contact();
 }
 
 // The largest motion (m) of a point of a body between a and b, with the bodies placed at b. It uses the speeds at b: a

@@ -23,13 +23,13 @@ class EdgeChecker {
 public:
     // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two
     // samples.
-    EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution);
+    EdgeChecker(std::shared_ptr<const World> world, double resolution);
 
     // Whether a world has the same numbers of joints and bodies, which samples in it require.
     bool has_bodies_of(const World& world) const;
     // Take samples in another world of these bodies, usually one with larger margins. `blocked`: its pairs that no joint moves are in
     // contact, so that no edge is free.
-    void set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked);
+    void set_steering(std::shared_ptr<const World> world, bool blocked);
     void set_resolution(double resolution) { resolution_ = resolution; }
     // Only samples at which the torques that hold the arm at rest are within `limits` (dof; infinite for none) are free.
     // Proofs do not cover torques.
@@ -47,12 +47,6 @@ public:
     std::size_t dof() const { return world_->space().tree.dof; }
 
 private:
-    // A sample that only the caller can judge, and the pairs concerned.
-    struct Deferred {
-        std::vector<double> q;
-        std::vector<int> pairs;
-    };
-
     // The torques from gravity at rest.
     struct Load {
         Load(DynamicTree model, std::vector<double> limits);
@@ -67,11 +61,9 @@ private:
 
     bool is_sample_free(const double* q);
     bool inner_samples_free(const double* a, const double* b);
-    bool deferred_free();
     double motion(const double* a, const double* b) const;
 
     std::shared_ptr<const World> world_;
-    std::unique_ptr<ExactJudge> exact_, steering_exact_;
     CurveProof proof_;
     std::optional<Workspace> sampler_;
     std::unique_ptr<Load> load_;
@@ -79,7 +71,6 @@ private:
     double resolution_;
     std::int64_t samples_ = 0;
     std::vector<double> q_, control_, no_tolerance_;
-    std::vector<Deferred> deferred_;
 };
 
 }  // namespace pinproof

@@ -41,7 +41,6 @@ from pinproof.collision.checking.assembly import ExcludedPair, only_arm
 from pinproof.collision.checking.audit import AuditResult, audit
 from pinproof.collision.checking.checker import (
     CheckResult,
-    CoalJudge,
     CollisionChecker,
     Contact,
     overlap_hint,
@@ -61,7 +60,7 @@ from pinproof.collision.checking.line_surface import (
 from pinproof.collision.checking.links import KINDS, LinkOverlap, OverlapReport, link_bodies, sample_overlaps
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
 from pinproof.collision.checking.penetration import penetration
-from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureConvex
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureByCoal
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot
 from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.collision.checking.spec import CheckerSpec, checked_margin, files_examined_once
@@ -104,7 +103,6 @@ __all__ = [
     "CertificateStatus",
     "CheckResult",
     "CheckerSpec",
-    "CoalJudge",
     "CollisionChecker",
     "Cone",
     "ConstraintProof",
@@ -122,7 +120,7 @@ __all__ = [
     "LineSurface",
     "LinkOverlap",
     "LookAt",
-    "MeasureConvex",
+    "MeasureByCoal",
     "Mesh",
     "MotionTube",
     "Mover",

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import EdgeChecker, Manifold
-from pinproof.collision import CoalJudge, CollisionChecker, Contact, PathConstraint, amount, overlap_hint
+from pinproof.collision import CollisionChecker, Contact, PathConstraint, amount, overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import AT_LIMIT, Arm, JointGroup
@@ -88,7 +88,7 @@ class Edges:
         if not resolution > 0:
             raise InputError(f"resolution = {resolution}; it must be a distance above 0 m")
         self._checker, self._resolution, self._finest = checker, resolution, resolution / MAX_REFINEMENT
-        self.core = EdgeChecker(checker.world, CoalJudge(checker), resolution)
+        self.core = EdgeChecker(checker.world, resolution)
         if torque_limits is not None:
             share = float(np.clip(torque_limits.standstill_share(ends) * (1.0 + AT_ENDS), STANDSTILL_SHARE, 1.0))
             self.core.set_torque_limits(torque_limits.tree, torque_limits.limits * share)
@@ -102,7 +102,7 @@ class Edges:
     def _steer(self, pad: float) -> None:
         self._pad, self.steering = pad, self._checker.padded(pad)
         blocked = bool(self.steering.fixed_contacts)
-        self.core.set_steering(self.steering.world, CoalJudge(self.steering), blocked)
+        self.core.set_steering(self.steering.world, blocked)
 
     @property
     def samples(self) -> int:

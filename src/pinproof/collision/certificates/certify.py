@@ -42,7 +42,7 @@ from pinproof.collision.certificates.path_constraints import (
     check_constraints,
 )
 from pinproof.collision.checking.assembly import only_arm
-from pinproof.collision.checking.checker import CoalJudge, CollisionChecker, Contact, require_curve
+from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.checking.placed_bodies import Distance
 from pinproof.errors import InputError
@@ -307,7 +307,7 @@ def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: 
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
     joints = np.zeros(checker.group.dof) if joint_tolerance is None else joint_tolerance
-    proof = prove(checker.world, knots, control, settings, joints, CoalJudge(checker), KNOWN_NOTHING)
+    proof = prove(checker.world, knots, control, settings, joints, KNOWN_NOTHING)
     return bool(proof.free)
 
 
@@ -398,8 +398,7 @@ class _CurveProof:
             state.proven = min(state.proven, proven - self._limits.obstacles)
             slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
             state.obstacle_tube = min(state.obstacle_tube, slack)
-        coal, joints = CoalJudge(judge), self._limits.joints
-        self._state = prove(judge.world, self._knots, self._control, self._settings, joints, coal, state)
+        self._state = prove(judge.world, self._knots, self._control, self._settings, self._limits.joints, state)
         span, found = self._state.open, self._state.contact
         if found is not None:
             at = np.array(found.q)
@@ -422,9 +421,7 @@ class _CurveProof:
         space = self._judge._workspace
         near = space.nearest(q)
         self._saw(near.nearest, near.upper)
-        for pair in near.left_to_coal:
-            self._saw(pair, space.measure(pair).attained)
-        apart = not near.contacts and not near.left_to_coal and near.lower > self._largest_margin
+        apart = not near.contacts and near.lower > self._largest_margin
         return None if apart and not self._judge._fixed.touching else self._deepest(q)
 
     def _saw(self, pair: int, attained: float) -> None:

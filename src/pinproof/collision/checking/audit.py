@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from pinproof.collision.checking.checker import CollisionChecker, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
+from pinproof.collision.geometry.bodies import one_inside_other
 from pinproof.common.results import Shown, View
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
@@ -126,10 +127,10 @@ def audit(
         look_inside = number % INSIDE_EVERY == 0
         if far_apart is None or look_inside or pin.computeCollisions(model, data, far_apart, q, True):
             pin.computeCollisions(model, data, geometry, bodies, q, False)
-            inside = checker._placed(at) if look_inside else None
-            for k in range(len(checker.pairs)):
+            for k, (i, j) in enumerate(checker.pairs):
+                one, other, placed = checker.bodies[i], checker.bodies[j], bodies.oMg
                 touching = bodies.collisionResults[k].isCollision()
-                if touching or (inside is not None and inside.one_inside_other(k)):
+                if touching or (look_inside and one_inside_other(one, placed[i], other, placed[j])):
                     found.setdefault(checker.owners(k), float(t))
         if measure and number % MEASURE_EVERY == 0 and checker.pairs:
             nearest = pin.computeDistances(model, data, geometry, bodies, q)

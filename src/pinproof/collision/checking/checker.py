@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import CONTACT, NOT_FINITE
+from pinproof._core import FREE, NOT_FINITE
 from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
@@ -238,36 +238,26 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
     def is_free(self, q: npt.ArrayLike) -> bool:
         """Whether every checked pair is proven farther apart than its margin at q (n,). Ignores joint limits."""
         try:
-            left = self._threads.judge(q)
+            result = self._threads.judge(q)
         except (AttributeError, TypeError, ValueError):  # the first query of a thread, or not (n,) contiguous doubles
             return self.is_free_unchecked(self.group.configuration(q, batch="is_free_batch"))
-        if left == CONTACT:
-            return False
-        return not self._fixed.touching if left == 0 else self.is_free_unchecked(self.group.configuration(q))
+        if result == NOT_FINITE:
+            self.group.configuration(q)  # raises
+        return bool(result == FREE and not self._fixed.touching)
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` without validation of q (n,), for inner loops."""
-        space = self._workspace
-        left = space.judge(q)
-        if left == 0:
-            return not self._fixed.touching
-        if left == NOT_FINITE:
+        result = self._workspace.judge(np.ascontiguousarray(q, dtype=float))
+        if result == NOT_FINITE:
             self.group.configuration(q)  # raises
-        if left < 0:
-            return False
-        return not self._fixed.touching and not space.any_left_touches()
+        return bool(result == FREE and not self._fixed.touching)
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
         many = finite("Q", Q, (None, self.group.dof))
         if self._fixed.touching:
             return np.zeros(len(many), dtype=bool)
-        # The core judges all rows; those that it leaves to coal follow one by one.
-        left = self._batch(lambda part: self._workspace.judge_many(part), many, threads)
-        free = left == 0
-        for i in np.flatnonzero(left > 0):
-            free[i] = self.is_free_unchecked(many[i])
-        return np.asarray(free)
+        return self._batch(lambda part: self._workspace.judge_many(part), many, threads) == FREE
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
         """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""
@@ -284,7 +274,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         """
         space = self._workspace
         near = space.nearest(self.group.configuration(q, batch="clearance_batch"))
-        judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
+        judged = (space.measure(k).distance for k in near.contacts)
         return min((near.lower, self._fixed.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
@@ -481,7 +471,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         space = PlacedBodies(self, self.world.of_still_pairs())
         q = np.zeros(self.group.dof)  # any configuration
         near, touching = space.nearest(q), tuple(space.touching(q))
-        judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
+        judged = [space.measure(k) for k in near.contacts]
         lower = min((near.lower, *(measured.distance for measured in judged)))
         return FixedPairs(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
 
@@ -577,7 +567,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             return self._threads.space
         except AttributeError:
             space = PlacedBodies(self, self.world)
-            self._threads.space, self._threads.judge = space, space.core_judge
+            self._threads.space, self._threads.judge = space, space.judge
             return space
 
     def _batch(self, judge: Callable[[Array], npt.NDArray[Any]], many: Array, threads: int) -> npt.NDArray[Any]:
@@ -606,24 +596,6 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         self._forget()
         self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
         self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
-
-
-class CoalJudge:
-    """Measures the pairs that the compiled core leaves to coal, when the core calls it during a proof or a search."""
-
-    def __init__(self, checker: CollisionChecker) -> None:
-        self._space = checker._workspace
-
-    def measure(self, q: Array, pairs: Iterable[int]) -> list[tuple[float, float]]:
-        """Return for each pair at q (n,) the upper and the lower bound (m) of its distance."""
-        self._space.move(q)
-        measured = map(self._space.measure, pairs)
-        return [(distance.attained, distance.proven) for distance in measured]
-
-    def any_contact(self, q: Array, pairs: Iterable[int]) -> bool:
-        """Whether a pair is within its margin at q (n,)."""
-        self._space.move(q)
-        return any(map(self._space.touches, pairs))
 
 
 def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:

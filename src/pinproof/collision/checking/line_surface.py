@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.collision.checking.placed_bodies import MeasureConvex
-from pinproof.collision.geometry.bodies import Body, Support, shape_body, triangles_of
+from pinproof.collision.checking.placed_bodies import MeasureByCoal
+from pinproof.collision.geometry.bodies import Body, Support, one_inside_other, shape_body, triangles_of
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
@@ -152,11 +152,9 @@ def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) 
 
     A mesh that is represented by its hull is measured as the hull, so the distance is never too large.
     """
-    measured = MeasureConvex()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
-    a, b = one.body, other.body
-    if measured > 0 and (a.contains_part_of(b, at.actInv(other_at)) or b.contains_part_of(a, other_at.actInv(at))):
-        return -measured
-    return measured
+    measured = MeasureByCoal()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
+    inside = measured > 0 and one_inside_other(one.body, at, other.body, other_at)
+    return -measured if inside else measured
 
 
 def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion: Array) -> float:
@@ -166,7 +164,7 @@ def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3
     conservative advancement (Mirtich, 1996): a body that moves by less than its distance cannot touch.
     """
     length = float(np.linalg.norm(motion))
-    measure, target, share = MeasureConvex(), other.surface or other.body, 0.0
+    measure, target, share = MeasureByCoal(), other.surface or other.body, 0.0
     for step in range(MOST_ADVANCES):
         moved = SE3(at.rotation, at.translation + share * motion)
         apart = measure(one.surface or one.body, moved.homogeneous, target, other_at.homogeneous).attained

@@ -23,7 +23,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.geometry import convex_pieces, hulls
-from pinproof.collision.geometry.bodies import MESHES_KEPT, Body, FileStamp, hull_body, shape_body
+from pinproof.collision.geometry.bodies import MESHES_KEPT, Body, FileStamp, hull_body, one_inside_other, shape_body
 from pinproof.collision.geometry.convex_pieces import clusters
 from pinproof.collision.geometry.hulls import Solid
 from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
@@ -429,9 +429,7 @@ def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3) -> bool
     placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
     if coal.collide(a.geometry, placed[0], b.geometry, placed[1], coal.CollisionRequest(), coal.CollisionResult()):
         return True
-    return a.contains_part_of(b, root_from_a.actInv(root_from_b)) or b.contains_part_of(
-        a, root_from_b.actInv(root_from_a)
-    )
+    return one_inside_other(a, root_from_a, b, root_from_b)
 
 
 @dataclass(frozen=True)

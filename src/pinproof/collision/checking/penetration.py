@@ -15,7 +15,7 @@ import coal
 import numpy as np
 
 from pinproof.collision.checking.line_surface import TOUCH, LineSurface, travel_to_touch
-from pinproof.collision.checking.placed_bodies import GJK_SLACK, Distance, MeasureConvex
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, Distance, MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support
 from pinproof.collision.geometry.hulls import winding_number
 from pinproof.spatial import SE3, Array, translated
@@ -119,7 +119,7 @@ class _Measure:
 
     def __init__(self, one: LineSurface, other: LineSurface, other_at: SE3) -> None:
         self._one, self._other, self._at = one.surface or one.body, other.surface or other.body, other_at
-        self._coal, self._placed = MeasureConvex(), other_at.homogeneous
+        self._coal, self._placed = MeasureByCoal(), other_at.homogeneous
 
     def __call__(self, at: SE3) -> Distance:
         found = self._coal(self._one, at.homogeneous, self._other, self._placed)

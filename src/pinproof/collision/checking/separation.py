@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pinproof._core import Departure, DepartureProof, Workspace
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.collision.checking.placed_bodies import MeasureConvex
+from pinproof.collision.checking.placed_bodies import MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support
 from pinproof.collision.geometry.hulls import Solid, bvh
 from pinproof.spatial import Array, matrix
@@ -254,7 +254,7 @@ def distinct(directions: Array) -> Array:
 
 def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
     """Return (m, 3) the directions from facets to a close or penetrating convex body, computed by coal."""
-    measure, still = MeasureConvex(), np.eye(4)
+    measure, still = MeasureByCoal(), np.eye(4)
     found = []
     for facet in facets:
         found.append(-measure.of(body.geometry, moving.at, bvh(facet, ONE_TRIANGLE), still).normal)

@@ -1,7 +1,7 @@
 """Bodies: links, attached objects and obstacles as coal shapes, with bounding boxes and support functions.
 
 A convex body has a support function, from which certificates prove distances independently of the convergence of GJK.
-An exact mesh has points that show whether it lies inside another body (coal's meshes are hollow).
+An exact mesh has points that show whether it lies inside another body.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
-from pinproof.collision.geometry.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
+from pinproof.collision.geometry.hulls import Inside, Solid, bvh, convex_hull, core_mesh, hull_of_any
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
     Box,
@@ -39,7 +39,7 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, cells_of, ground_surface, merged_boxes
+from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, ground_surface, merged_boxes
 from pinproof.description import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import Array, frozen, matrix
@@ -175,7 +175,9 @@ class Body:
             s = self.support
             points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
             return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
-        return (CoreShape.half_space if isinstance(self.geometry, coal.Halfspace) else CoreShape.exact)(self.box)
+        if self.solid is None:
+            return CoreShape.half_space(self.box)
+        return self.solid.core_shape if isinstance(self.solid, Solid) else core_mesh(self.solid)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
@@ -230,6 +232,11 @@ class Body:
         """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
         sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]
         return max(sides, default=0.0) + math.dist((0, 0, 0), self.link_from_body.translation)
+
+
+def one_inside_other(one: Body, at: pin.SE3, other: Body, other_at: pin.SE3) -> bool:
+    """Whether a part of one of two placed bodies is inside the exact watertight mesh of the other."""
+    return one.contains_part_of(other, at.actInv(other_at)) or other.contains_part_of(one, other_at.actInv(at))
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
@@ -459,8 +466,8 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
     ),
     ConvexHull: lambda s: _hull(np.asarray(s.points), "the convex hull"),
     Mesh: lambda s: _unmodified(*_stamped(s)),
-    PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells(*cells_of(s))),
-    OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells(*cells_of(s))),
+    PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells(s)),
+    OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells(s)),
     HeightMap: lambda s: (*_surface(*ground_surface(s)), Ground(s)),
 }
 """The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

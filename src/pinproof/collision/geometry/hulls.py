@@ -15,6 +15,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Shape as CoreShape
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
@@ -202,11 +203,21 @@ class Inside(Protocol):
     def witnesses(self) -> Array:
         """(K, 3) a point of each connected part: if no surfaces cross, a part is inside a body if this point is."""
 
+    @property
+    def surface(self) -> Array:
+        """(F, 3, 3) its triangles; those of a closed surface are oriented."""
+
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the surface's frame, lies inside."""
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
+
+
+def core_mesh(solid: Inside) -> CoreShape:
+    """Return the triangles as the compiled core uses them."""
+    surface, witnesses = solid.surface, np.ascontiguousarray(solid.witnesses, dtype=float)
+    return CoreShape.mesh(surface.reshape(-1, 9), witnesses, solid.watertight, box_of(surface))
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +239,8 @@ class Solid:
     """(K, 3) one vertex of each part."""
     corners: Array = field(init=False, repr=False)
     """(F, 3, 3) the triangles with three different corners; solid parts of a watertight mesh are oriented outwards."""
+    surface: Array = field(init=False, repr=False)
+    """(F, 3, 3) the triangles of ``corners``, and those with equal corners, which enclose nothing."""
     box: Array = field(init=False, repr=False)
     solids: tuple[Array, ...] = field(init=False, repr=False)
     """The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside."""
@@ -236,7 +249,8 @@ class Solid:
         # Files such as STL repeat each corner for every triangle; equal corners are one vertex.
         points, index = np.unique(self.vertices, axis=0, return_inverse=True)
         faces = index.reshape(-1)[self.triangles]
-        faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+        proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        flat, faces = faces[~proper], faces[proper]
         # Parts are connected over edges between two triangles, and closed if all edges are.
         edges = _HullEdges.of(faces, len(points))
         parts = edges.parts(len(faces))
@@ -260,13 +274,22 @@ class Solid:
                 else:
                     cavities = True
         object.__setattr__(self, "corners", corners)
+        object.__setattr__(self, "surface", np.concatenate([corners, points[flat]]) if len(flat) else corners)
         object.__setattr__(self, "box", box_of(corners) if closed else np.full((2, 3), np.nan))
-        for array in (self.witnesses, self.corners, self.box):
+        for array in (self.witnesses, self.corners, self.surface, self.box):
             array.setflags(write=False)
         solids = (
             [self.corners[part] for part in parts] if closed and not cavities and len(parts) > 1 else [self.corners]
         )
         object.__setattr__(self, "solids", tuple(solids))
+
+    @cached_property
+    def core_shape(self) -> CoreShape:
+        """The triangles as the compiled core uses them, shared by all bodies of this mesh."""
+        return core_mesh(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""

@@ -54,6 +54,12 @@ class Ground:
     watertight: ClassVar[bool] = True
 
     @property
+    def surface(self) -> Array:
+        """(F, 3, 3) its triangles, counter-clockwise seen from outside."""
+        vertices, triangles = ground_surface(self.ground)
+        return np.asarray(vertices[triangles])
+
+    @property
     def witnesses(self) -> Array:
         """(1, 3) one corner: the surface is connected."""
         return np.array([[-self.ground.x / 2, -self.ground.y / 2, self.ground.bottom]])
@@ -181,12 +187,16 @@ class Cells:
     """The volume of occupied cells (K, 3) of a side (m); ``witnesses`` (W, 3) are in one cell of each part."""
 
     watertight: ClassVar[bool] = True
-    cells: Indices
-    resolution: float
+    shape: CellShape
+    cells: Indices = field(init=False)
+    resolution: float = field(init=False)
     witnesses: Array = field(init=False)
     _keys: Indices = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        cells, resolution = cells_of(self.shape)
+        object.__setattr__(self, "cells", cells)
+        object.__setattr__(self, "resolution", resolution)
         keys = cell_numbers(self.cells)
         object.__setattr__(self, "_keys", np.sort(keys))
         # Cells that share a face are connected; the first cell of each connected part is its witness.
@@ -199,6 +209,12 @@ class Cells:
         labels = connected_parts(len(keys), *np.concatenate(joined, axis=1))
         first = np.unique(labels, return_index=True)[1]
         object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
+
+    @property
+    def surface(self) -> Array:
+        """(F, 3, 3) the triangles between full and empty cells, counter-clockwise seen from outside."""
+        vertices, triangles = cell_faces(self.shape)
+        return np.asarray(vertices[triangles])
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3) lies in an occupied cell."""

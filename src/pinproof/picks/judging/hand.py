@@ -25,7 +25,7 @@ from pinproof.collision import (
     CollisionChecker,
     Cylinder,
     LineSurface,
-    MeasureConvex,
+    MeasureByCoal,
     Mesh,
     Mover,
     Obstacle,
@@ -193,7 +193,7 @@ def depths_while_closing(
     for (finger, own, at), closed in zip(bodies, depths, strict=True):
         if finger.placed_at is None or not closed.within:
             continue
-        measure, share, depth = MeasureConvex(), 1.0, closed
+        measure, share, depth = MeasureByCoal(), 1.0, closed
         solid, target = own.surface or own.body, part.surface.surface or part.surface.body
         for _ in range(MOST_ADVANCES):
             here = finger.placed_at(share) * at

@@ -1,0 +1,42 @@
+// Lower bounds of distances between boxes.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "geometry/vectors.h"
+
+namespace pinproof {
+
+// The distance of a box and a point at `offset` from its centre, in the frame of the box.
+inline double point_to_box(const Vec3& offset, const Vec3& half) {
+    double total = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        const double out = std::max(std::abs(offset[i]) - half[i], 0.0);
+        total += out * out;
+    }
+    return std::sqrt(total);
+}
+
+// The largest gap of two boxes along the six normals of their faces; `offset` is the centre of b in the frame of a.
+// Sides without end give no gap: comparisons with NaN are false.
+inline double gap_of_faces(const Mat3& a_from_b, const Vec3& offset, const Vec3& half_a, const Vec3& half_b) {
+    double gap = -std::numeric_limits<double>::infinity();
+    for (int i = 0; i < 3; ++i) {
+        double reach = half_a[i];
+        for (int j = 0; j < 3; ++j) reach += std::abs(a_from_b.m[i][j]) * half_b[j];
+        const double here = std::abs(offset[i]) - reach;
+        if (here > gap) gap = here;
+    }
+    const Vec3 offset_b = transposed_times(a_from_b, offset);
+    for (int j = 0; j < 3; ++j) {
+        double reach = half_b[j];
+        for (int i = 0; i < 3; ++i) reach += std::abs(a_from_b.m[i][j]) * half_a[i];
+        const double here = std::abs(offset_b[j]) - reach;
+        if (here > gap) gap = here;
+    }
+    return gap;
+}
+
+}  // namespace pinproof

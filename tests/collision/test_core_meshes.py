@@ -1,0 +1,178 @@
+"""The core measures triangle meshes: its bounds are those of coal, and of every point inside, for all kinds of bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+import pinproof as pp
+from pinproof import _core
+from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureByCoal
+from pinproof.collision.geometry.bodies import Body, one_inside_other, shape_body
+from pinproof.collision.geometry.hulls import Solid, winding_number
+from pinproof.spatial import SE3
+
+from .test_line_surface import mesh_of
+
+HERE = np.eye(4)
+
+
+def joined(*parts: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.util.concatenate(parts)
+
+
+def moved(part: trimesh.Trimesh, xyz: tuple[float, ...], *, inverted: bool = False) -> trimesh.Trimesh:
+    part = part.copy()
+    part.apply_translation(xyz)
+    if inverted:
+        part.invert()
+    return part
+
+
+CUBE, SMALL = trimesh.creation.box((1, 1, 1)), trimesh.creation.box((0.2, 0.3, 0.4))
+L_PROFILE = trimesh.creation.extrude_polygon(
+    trimesh.path.polygons.Polygon([(0, 0), (1, 0), (1, 0.1), (0.1, 0.1), (0.1, 1), (0, 1)]), 0.5
+)
+MESHES = {
+    "cube": mesh_of(CUBE),
+    "torus": mesh_of(trimesh.creation.torus(0.4, 0.1, 24, 12)),
+    "ball": mesh_of(trimesh.creation.icosphere(2, 0.4)),
+    "profile": mesh_of(L_PROFILE),
+    "two parts": mesh_of(joined(moved(SMALL, (0.4, 0, 0)), moved(SMALL, (-0.4, 0.1, 0)))),
+    "overlapping parts": mesh_of(joined(CUBE, moved(CUBE, (0.3, 0.2, 0.1)))),
+    "cavity": mesh_of(joined(CUBE, moved(SMALL, (0.05, 0, 0), inverted=True))),
+    "inverted": mesh_of(moved(CUBE, (0, 0, 0), inverted=True)),
+    "thin plate": mesh_of(trimesh.creation.box((1.0, 0.8, 1e-4))),
+    "open": mesh_of(trimesh.Trimesh(CUBE.vertices, CUBE.faces[:-2]), hollow=True),
+}
+ROUND = {
+    "box": pp.Box(0.2, 0.1, 0.3),
+    "sphere": pp.Sphere(0.08),
+    "point": pp.Sphere(1e-6),
+    "capsule": pp.Capsule(0.04, 0.3),
+    "cylinder": pp.Cylinder(0.1, 0.2),
+    "cone": pp.collision.Cone(0.1, 0.2),
+    "ellipsoid": pp.collision.Ellipsoid(0.1, 0.05, 0.2),
+    "hull": mesh_of(trimesh.creation.icosphere(1, 0.1), hull=True),
+    "half-space": pp.HalfSpace(),
+}
+
+
+def body_of(shape: pp.Shape) -> Body:
+    return shape_body("b", "b", None, shape, pp.pose())
+
+
+def core_bounds(one: Body, other: Body, at: np.ndarray, **query: float) -> tuple[float, float]:
+    """Lower and upper bound of the distance; ``at`` is the placement of the other body in the frame of the first."""
+    limits = {"above": np.inf, "below": -1.0, "precision": 1e-9} | query
+    lower, upper, *_ = _core.bound_distance(one.core_shape, other.core_shape, at, np.zeros(3), **limits)
+    return lower, upper
+
+
+def coal_distance(one: Body, other: Body, at: np.ndarray) -> float:
+    """The distance of the surfaces, 0 if they overlap or one is inside the other."""
+    found = MeasureByCoal()(one, HERE, other, at).attained
+    return 0.0 if found <= 0 or one_inside_other(one, pp.pose(), other, pin.SE3(at)) else found
+
+
+def placements(rng: np.random.Generator, count: int, reach: float) -> list[np.ndarray]:
+    return [SE3(pp.pose(rng.uniform(-reach, reach, 3), rng.uniform(-3, 3, 3))).homogeneous for _ in range(count)]
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_the_bounds_of_a_mesh_enclose_the_distance_of_coal_for_bodies_of_every_kind(mesh: str) -> None:
+    rng, one, overlaps = np.random.default_rng(len(mesh)), body_of(MESHES[mesh]), 0
+    for name, shape in {**ROUND, **MESHES}.items():
+        other = body_of(shape)
+        for at in placements(rng, 25, 1.2):
+            lower, upper = core_bounds(one, other, at)
+            expected = coal_distance(one, other, at)
+            overlaps += expected == 0
+            assert lower <= expected + GJK_SLACK, (mesh, name)
+            assert upper >= expected - GJK_SLACK, (mesh, name)
+            assert upper - lower <= 1e-8 or upper == 0, (mesh, name)
+            if shape is not ROUND["half-space"]:
+                back = np.asarray(np.linalg.inv(at))
+                assert core_bounds(other, one, back)[1] == pytest.approx(upper, abs=1e-8)
+            # A question with a threshold gets the same answer.
+            for level in (0.5 * upper, 1.5 * upper + 1e-3):
+                low, high = core_bounds(one, other, at, above=level, below=level)
+                assert low <= upper + 1e-9
+                assert high >= lower - 1e-9
+                assert (low > level) is (lower > level), (mesh, name)
+    assert overlaps > 20
+
+
+def test_triangles_without_an_area_are_the_segments_that_they_are() -> None:
+    """Coal's distances of such triangles are wrong."""
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0.5, 0, 0), (0, 0, 1), (1, 1e-9, 0)])
+    mesh = pp.Mesh.from_arrays(corners, np.array([(0, 1, 2), (0, 3, 3), (0, 1, 4)]), hull=False, hollow=True)
+    one, box = body_of(mesh), np.array([[0.0, 0, 0], [1, 1, 1]])
+    ends = [corners[[0, 1]], corners[[0, 3]]]
+    segments = [_core.Shape.convex(both, np.zeros(2), 0.0, np.zeros(3), box) for both in ends]
+    rng = np.random.default_rng(0)
+    for name, shape in ROUND.items():
+        other = body_of(shape)
+        for at in placements(rng, 25, 1.2):
+            lower, upper = core_bounds(one, other, at)
+            parts = [_core.bound_distance(s, other.core_shape, at, np.zeros(3), np.inf, -1.0, 1e-9) for s in segments]
+            assert lower <= min(part[1] for part in parts) + 1e-8, name
+            assert upper >= min(part[0] for part in parts) - 1e-8, name
+            assert upper - lower <= 1e-8 or upper == 0, name
+
+
+RAY = np.array([0.0712, 0.1239, 0.9897])
+"""The first direction in which the core sends a ray."""
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_a_point_is_inside_a_mesh_where_its_winding_number_is_not_zero(mesh: str) -> None:
+    rng, body = np.random.default_rng(1), body_of(MESHES[mesh])
+    solid = body.solid
+    assert isinstance(solid, Solid)
+    corners = solid.corners.reshape(-1, 3)
+    edges = (corners + np.roll(corners, 1, axis=0)) / 2
+    behind = np.concatenate([corners, edges])[:300] - rng.uniform(0.01, 0.5, (min(300, 2 * len(corners)), 1)) * RAY
+    centre, half = body.box.mean(axis=0), (body.box[1] - body.box[0]) / 2
+    points = np.concatenate([centre + rng.uniform(-1.05, 1.05, (500, 3)) * half, behind])
+    expected = [solid.watertight and abs(winding_number(point, solid.corners)) > 0.5 for point in points]
+    assert [body.core_shape.contains(point) for point in points] == expected
+    assert solid.watertight is any(expected)
+
+
+def test_a_body_is_in_contact_with_each_part_of_a_solid_that_it_is_inside() -> None:
+    ball = body_of(pp.Sphere(0.01))
+    for mesh, inside, outside in (
+        ("cube", [(0, 0, 0)], [(0.6, 0, 0)]),
+        ("inverted", [(0, 0, 0)], [(0.6, 0, 0)]),
+        ("two parts", [(0.4, 0, 0), (-0.4, 0.1, 0)], [(0, 0, 0)]),
+        ("overlapping parts", [(0.2, 0.1, 0.05), (-0.4, -0.4, -0.4), (0.7, 0.6, 0.5)], [(0.7, 0.6, -0.45)]),
+        ("cavity", [(0.3, 0, 0)], [(0.05, 0, 0), (0.6, 0, 0)]),
+        ("open", [], [(0, 0, 0), (0.6, 0, 0)]),
+    ):
+        for places, overlap in ((inside, True), (outside, False)):
+            for xyz in places:
+                bounds = core_bounds(body_of(MESHES[mesh]), ball, pp.pose(xyz).homogeneous)
+                assert (bounds == (0.0, 0.0)) is overlap, (mesh, xyz)
+                # A small mesh is inside like a ball, and a question with a threshold has the same answer.
+                dust = body_of(mesh_of(trimesh.creation.icosphere(1, 0.01)))
+                for limits in ({}, {"above": 1e-3, "below": 0.0}, {"above": 0.02, "below": 0.01}):
+                    lower, _ = core_bounds(dust, body_of(MESHES[mesh]), pp.pose(-np.array(xyz)).homogeneous, **limits)
+                    assert (lower <= 0.0) is overlap, (mesh, xyz)
+
+
+@pytest.mark.parametrize("offset", [1e-3, 1e-6, 1e-8])
+def test_bodies_that_nearly_touch_a_mesh_have_tight_bounds(offset: float) -> None:
+    rng, ball = np.random.default_rng(3), body_of(pp.Sphere(0.05))
+    for mesh in ("cube", "torus", "profile", "thin plate", "open"):
+        body = body_of(MESHES[mesh])
+        assert isinstance(body.solid, Solid)
+        for corners in body.solid.corners[rng.permutation(len(body.solid.corners))[:40]]:
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+            normal /= np.linalg.norm(normal)
+            for point in (corners[0], corners.mean(axis=0), corners[:2].mean(axis=0)):
+                lower, upper = core_bounds(body, ball, pp.pose(point + (0.05 + offset) * normal).homogeneous)
+                assert lower <= offset + 1e-12
+                assert upper - lower <= 1e-9 or upper == 0.0

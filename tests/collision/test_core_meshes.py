@@ -1,6 +1,8 @@
-"""The core measures triangle meshes: its bounds are those of coal, and of every point inside, for all kinds of bodies."""
+"""The core measures triangle meshes: its bounds are those of coal, for bodies of every kind."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -64,11 +66,27 @@ def body_of(shape: pp.Shape) -> Body:
     return shape_body("b", "b", None, shape, pp.pose())
 
 
-def core_bounds(one: Body, other: Body, at: np.ndarray, **query: float) -> tuple[float, float]:
-    """Lower and upper bound of the distance; ``at`` is the placement of the other body in the frame of the first."""
-    limits = {"above": np.inf, "below": -1.0, "precision": 1e-9} | query
-    lower, upper, *_ = _core.bound_distance(one.core_shape, other.core_shape, at, np.zeros(3), **limits)
+def space_of(one: Any, other: Any, at: np.ndarray, margin: float = 0.0) -> _core.Workspace:
+    """Two shapes of the core; ``at`` is the placement of the second in the frame of the first."""
+    joint = _core.Joint(before=HERE, prismatic=True, index=0, multiplier=1.0, offset=0.0)
+    bodies = [_core.Body(one, 0, HERE), _core.Body(other, -1, at)]
+    geometry = _core.Geometry(_core.JointTree([joint], 1), bodies, 1, 1e-12)
+    space = _core.Workspace(_core.World(geometry, np.array([[0, 1]]), np.array([margin])))
+    space.place(np.zeros(1))
+    return space
+
+
+def core_bounds(one: Body, other: Body, at: np.ndarray) -> tuple[float, float]:
+    """Lower and upper bound of the distance."""
+    lower, upper, *_ = space_of(one.core_shape, other.core_shape, at).measure(0)
     return lower, upper
+
+
+def is_farther(one: Body, other: Body, at: np.ndarray, margin: float) -> bool:
+    """Whether the core proves a distance larger than the margin (m)."""
+    result = space_of(one.core_shape, other.core_shape, at, margin).judge(np.zeros(1))
+    assert result in (_core.FREE, _core.CONTACT)
+    return bool(result == _core.FREE)
 
 
 def coal_distance(one: Body, other: Body, at: np.ndarray) -> float:
@@ -96,12 +114,8 @@ def test_the_bounds_of_a_mesh_enclose_the_distance_of_coal_for_bodies_of_every_k
             if shape is not ROUND["half-space"]:
                 back = np.asarray(np.linalg.inv(at))
                 assert core_bounds(other, one, back)[1] == pytest.approx(upper, abs=1e-8)
-            # A question with a threshold gets the same answer.
-            for level in (0.5 * upper, 1.5 * upper + 1e-3):
-                low, high = core_bounds(one, other, at, above=level, below=level)
-                assert low <= upper + 1e-9
-                assert high >= lower - 1e-9
-                assert (low > level) is (lower > level), (mesh, name)
+            for margin in (0.5 * upper, 1.5 * upper + 1e-3):
+                assert is_farther(one, other, at, margin) is (lower > margin), (mesh, name)
     assert overlaps > 20
 
 
@@ -117,7 +131,7 @@ def test_triangles_without_an_area_are_the_segments_that_they_are() -> None:
         other = body_of(shape)
         for at in placements(rng, 25, 1.2):
             lower, upper = core_bounds(one, other, at)
-            parts = [_core.bound_distance(s, other.core_shape, at, np.zeros(3), np.inf, -1.0, 1e-9) for s in segments]
+            parts = [space_of(segment, other.core_shape, at).measure(0) for segment in segments]
             assert lower <= min(part[1] for part in parts) + 1e-8, name
             assert upper >= min(part[0] for part in parts) - 1e-8, name
             assert upper - lower <= 1e-8 or upper == 0, name
@@ -138,7 +152,8 @@ def test_a_point_is_inside_a_mesh_where_its_winding_number_is_not_zero(mesh: str
     centre, half = body.box.mean(axis=0), (body.box[1] - body.box[0]) / 2
     points = np.concatenate([centre + rng.uniform(-1.05, 1.05, (500, 3)) * half, behind])
     expected = [solid.watertight and abs(winding_number(point, solid.corners)) > 0.5 for point in points]
-    assert [body.core_shape.contains(point) for point in points] == expected
+    assert body.core_shape.contains(points).tolist() == expected
+    assert solid.contains(points) is any(expected)
     assert solid.watertight is any(expected)
 
 
@@ -156,11 +171,10 @@ def test_a_body_is_in_contact_with_each_part_of_a_solid_that_it_is_inside() -> N
             for xyz in places:
                 bounds = core_bounds(body_of(MESHES[mesh]), ball, pp.pose(xyz).homogeneous)
                 assert (bounds == (0.0, 0.0)) is overlap, (mesh, xyz)
-                # A small mesh is inside like a ball, and a question with a threshold has the same answer.
-                dust = body_of(mesh_of(trimesh.creation.icosphere(1, 0.01)))
-                for limits in ({}, {"above": 1e-3, "below": 0.0}, {"above": 0.02, "below": 0.01}):
-                    lower, _ = core_bounds(dust, body_of(MESHES[mesh]), pp.pose(-np.array(xyz)).homogeneous, **limits)
-                    assert (lower <= 0.0) is overlap, (mesh, xyz)
+                # A small mesh is inside like a ball, and a margin changes nothing.
+                dust, back = body_of(mesh_of(trimesh.creation.icosphere(1, 0.01))), pp.pose(-np.array(xyz)).homogeneous
+                for margin in (0.0, 1e-3, 0.02):
+                    assert is_farther(dust, body_of(MESHES[mesh]), back, margin) is not overlap, (mesh, xyz)
 
 
 @pytest.mark.parametrize("offset", [1e-3, 1e-6, 1e-8])

@@ -123,7 +123,7 @@ def test_the_allowance_for_rounding_grows_with_the_farthest_body(slider, far):
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_a_batch_is_its_configurations(ur5, mesh_file, threads):
-    """Convex bodies, and an exact mesh that is left to coal."""
+    """Convex bodies, and an exact mesh."""
 
     exact = pp.Obstacle(
         "exact", pp.Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, 0.3))), hull=False), pp.pose((0.4, -0.3, 0.5))

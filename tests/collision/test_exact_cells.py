@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.collision import CoalJudge, is_proven_free
+from pinproof.collision import is_proven_free
 from pinproof.motion import CubicPath
 from pinproof.planning import Edges
 
@@ -114,7 +114,7 @@ def is_edge(curve) -> bool:
 
 def edge_is_free(checker: pp.CollisionChecker, curve) -> bool:
     """Whether the compiled core proves a path of one straight edge free, for the planners."""
-    edges = _core.EdgeChecker(checker.world, CoalJudge(checker), 1e-3)
+    edges = _core.EdgeChecker(checker.world, 1e-3)
     return bool(edges.proven_free(curve.q[0], curve.q[1]))
 
 

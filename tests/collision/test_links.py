@@ -226,7 +226,7 @@ def test_the_certificate_names_owners_and_their_geometry(ring, path):
 
 @pytest.mark.parametrize("side", [0.05, HOLE * np.sqrt(2) * 0.985])
 def test_free_with_finer_bodies_is_free_in_dense_samples_of_the_meshes(ring, path, side):
-    """Several hulls, and the exact mesh that coal judges."""
+    """Several hulls, and the exact mesh."""
     fine = pp.CollisionChecker(ring, pp.Scene([rod(side)])).finer_at([0.0])
     curve = path(ring, [-0.2], [0.2])
     assert pp.certify(curve, fine).free

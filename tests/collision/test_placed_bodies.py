@@ -1,4 +1,4 @@
-"""Distances of placed bodies that coal measures for the core, and of the pairs that no joint moves."""
+"""Distances of placed bodies, of which one is a mesh or both are, and of the pairs that no joint moves."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from benchmarks.plain_coal import PlainCoal
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.collision import CoalJudge
 from pinproof.collision.checking.links import Overlaps, _configuration, _touch
 from pinproof.collision.checking.movers import with_movers
 from pinproof.collision.geometry.bodies import shape_body
@@ -44,10 +43,10 @@ def signed(q: np.ndarray, middle: float, solid: bool) -> float:
 
 
 @pytest.mark.parametrize("base", ["0.4 0.4 0.4", ""])
-def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula(base) -> None:
+def test_contacts_with_meshes_are_those_of_the_formula(base) -> None:
     checker = pp.CollisionChecker(gantry(base=base), pp.Scene([ROOM, SHELL]), margin=0.02)
     pairs = {checker.bodies[j].owner: k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[i].owner == "z"}
-    judge, rng = CoalJudge(checker), np.random.default_rng(0)
+    space, rng = checker._workspace, np.random.default_rng(0)
     seen = set()
     for _ in range(300):
         middle = float(rng.choice([3.0, -3.0]))
@@ -58,15 +57,14 @@ def test_contacts_that_coal_judges_for_the_core_are_those_of_the_formula(base) -
         near = {name: bool(distance < 0.02) for name, distance in expected.items()}
         for name, k in pairs.items():
             if name != "base":
-                assert judge.any_contact(q, [k]) is near[name]
-                ((attained, proven),) = judge.measure(q, [k])
-                assert proven <= attained
+                assert (k in checker.pairs_in_contact(q)) is near[name]
+                measured = space.measure(k)
+                assert measured.proven <= measured.attained + 1e-12
                 if expected[name] > 0:
-                    assert attained == pytest.approx(expected[name], abs=1e-5)
+                    assert measured.attained == pytest.approx(expected[name], abs=1e-9)
                 else:
-                    assert attained <= 0
-        both = [k for name, k in pairs.items() if name != "base"]
-        assert judge.any_contact(q, both) is judge.any_contact(q, both[::-1]) is any(near.values())
+                    assert measured.attained == 0
+                    assert measured.distance <= 0
         assert checker.is_free(q) is not any(near.values())
         seen.add(tuple(near.values()))
     assert seen == {(False, False), (True, False), (False, True)}
@@ -80,9 +78,8 @@ def test_an_audit_finds_a_body_that_is_inside_another_from_the_start() -> None:
 
 
 def test_points_are_judged_without_those_that_were_judged_before() -> None:
-    """Coal judges the mesh last, so a path that collides with the base leaves points that are not judged."""
     checker = pp.CollisionChecker(gantry(), pp.Scene([ROOM, pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0, 3, 0)))]))
-    edges = _core.EdgeChecker(checker.world, CoalJudge(checker), 0.05)
+    edges = _core.EdgeChecker(checker.world, 0.05)
     near, free, blocked = np.array([2.95, 0, 0]), np.array([0, 0, 2.0]), np.array([0, 3.0, 0])
     for judge in (lambda a, b: edges.points_free(np.array([a, b])), edges.samples_free, edges.proven_free):
         for _ in range(2):

@@ -138,6 +138,16 @@ def cube() -> Any:
     return _core.Shape.convex(CORNERS, np.zeros(8), 0.0, np.zeros(3), BOX)
 
 
+def mesh_corners() -> np.ndarray:
+    """The triangles of a tetrahedron."""
+    return CORNERS[[0, 1, 2, 4]][[(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]].reshape(-1, 9)
+
+
+def mesh(**changes: Any) -> Any:
+    values = {"corners": mesh_corners(), "witnesses": CORNERS[:1], "closed": True, "box": BOX}
+    return _core.Shape.mesh(**{**values, **changes})
+
+
 def tree(parents: tuple[int, int] = (-1, 0), dof: int = 2, **changes: Any) -> Any:
     """A revolute joint, and a prismatic one with these changes."""
     last = {"before": moved(0.5), "prismatic": True, "index": 1, **changes}
@@ -161,18 +171,8 @@ def world() -> Any:
     return _core.World(geometry(), PAIRS, np.zeros(2))
 
 
-class Judge:
-    """Measures no pair."""
-
-    def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
-        return []
-
-    def any_contact(self, q: np.ndarray, pairs: list[int]) -> bool:
-        return False
-
-
 def edges() -> Any:
-    return _core.EdgeChecker(world(), Judge(), 0.05)
+    return _core.EdgeChecker(world(), 0.05)
 
 
 def search(**changes: Any) -> Any:
@@ -255,19 +255,14 @@ def closed_form(**changes: Any) -> Any:
 
 
 def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
-    return _core.prove(world(), knots, control, settings(), tolerance, Judge(), _core.ProofState())
+    return _core.prove(world(), knots, control, settings(), tolerance, _core.ProofState())
 
 
-def prove_by(distances: list[tuple[float, float]]) -> Any:
-    """A proof beside a body that only the caller can measure."""
-
-    class Measured(Judge):
-        def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
-            return distances
-
-    obstacle = body(_core.Shape.exact(BOX), -1, moved(0.65))
+def prove_beside_mesh(**changes: Any) -> Any:
+    """A proof beside a mesh."""
+    obstacle = body(mesh(**changes), -1, moved(0.85))
     near = _core.World(geometry(obstacle=obstacle), np.array([[1, 2]]), np.zeros(1))
-    return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
+    return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), _core.ProofState())
 
 
 def upright(**changes: Any) -> Any:
@@ -382,6 +377,12 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "four coefficients of a quartic": lambda: _core.quartic_roots(np.zeros(4)),
     "a convex shape without points": lambda: _core.Shape.convex(np.zeros((0, 3)), np.zeros(0), 0.0, np.zeros(3), BOX),
     "a shape with discs of another number": lambda: _core.Shape.convex(CORNERS, np.zeros(7), 0.0, np.zeros(3), BOX),
+    "a mesh without triangles": lambda: mesh(corners=np.zeros((0, 9))),
+    "a mesh of corners": lambda: mesh(corners=np.zeros((4, 3))),
+    "a mesh with a corner that is NaN": lambda: mesh(corners=np.full((1, 9), NAN)),
+    "a mesh with a witness that is NaN": lambda: mesh(witnesses=np.full((1, 3), NAN)),
+    "a mesh with a box of one corner": lambda: mesh(box=np.zeros((1, 3))),
+    "points of two coordinates": lambda: mesh().contains(np.zeros((1, 2))),
     "a tree with a joint before its parent": lambda: tree((1, -1)),
     "a tree with a negative index": lambda: tree(index=-1),
     "a tree with an index beyond dof": lambda: tree(index=2),
@@ -408,16 +409,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a curve without pieces": lambda: prove(np.array([0.0]), np.zeros((0, 2, 2)), np.zeros(2)),
     "a curve of three joints": lambda: prove(UNIT, np.zeros((1, 2, 3)), np.zeros(2)),
     "a joint tolerance of one joint": lambda: prove(UNIT, STRAIGHT, np.zeros(1)),
-    "fewer measured distances than pairs": lambda: prove_by([]),
-    "more measured distances than pairs": lambda: prove_by([(0.2, 0.1)] * 2),
     "bounds of a pair that does not exist": lambda: bounds().rough(2),
     "bounds with a split beyond the joints": lambda: bounds().tight(0, np.ones(3), 9, np.zeros((2, 2))),
     "bounds with a negative split": lambda: bounds().tight(0, np.ones(3), -1, np.zeros((2, 2))),
     "bounds of a piece without points": lambda: bounds().tight(0, np.ones(3), 0, np.zeros((0, 2))),
-    "a resolution of zero": lambda: _core.EdgeChecker(world(), Judge(), 0.0),
+    "a resolution of zero": lambda: _core.EdgeChecker(world(), 0.0),
     "a negative resolution": lambda: edges().set_resolution(-1.0),
     "samples in a world with fewer bodies": lambda: edges().set_steering(
-        _core.World(geometry(robot_bodies=1, joints=(0, -1, -1)), np.array([[0, 2]]), np.zeros(1)), Judge(), False
+        _core.World(geometry(robot_bodies=1, joints=(0, -1, -1)), np.array([[0, 2]]), np.zeros(1)), False
     ),
     "torque limits of one joint": lambda: edges().set_torque_limits(bodies(), np.ones(1)),
     "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=0), np.ones(2)),
@@ -564,8 +563,8 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     for first in (np.zeros(DOF), np.full(DOF, 3.0 + 1e-10)):
         assert follower().follow(route(), UNIT, first).q.shape[1] == DOF
     assert np.allclose(_core.spline_slopes(UNIT, np.eye(2)), [[-1.0, 1.0]] * 2)
-    assert prove_by([(0.2, 0.1)]).free
-    assert not prove_by([(NAN, NAN)]).free
+    assert prove_beside_mesh().free
+    assert not prove_beside_mesh(corners=mesh_corners() - np.tile([0.25, 0.0, 0.0], 3), box=3.5 * BOX).free
     assert search().branch(0, 0) == [0]
     assert reach().prove(EYE, 1e-6, 1e-6, 10, False).boxes > 0
     assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1)), 8)[0]) == 1

@@ -38,9 +38,13 @@ void bind_shapes(nb::module_& module) {
                 return shape;
             }, "corners"_a, "witnesses"_a, "closed"_a, "box"_a,
             "Triangles (F, 9) with a point of each connected part (W, 3). A closed mesh is solid.")
-        .def("contains", [](const Shape& shape, const Vector& point) {
-                return shape.mesh != nullptr && shape.mesh->contains(vec3("point", point));
-            }, "point"_a, "Whether a point (3,) is inside a closed mesh.")
+        .def("contains", [](const Shape& shape, const Matrix& points) {
+                const double* p = shaped("points", points, {kAny, 3}).data();
+                return filled<bool>({points.shape(0)}, [&](bool* inside) {
+                    for (std::size_t i = 0; i < points.shape(0); ++i, p += 3)
+                        inside[i] = shape.mesh != nullptr && shape.mesh->contains({p[0], p[1], p[2]});
+                });
+            }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
 }

@@ -208,6 +208,9 @@ def _departures(
         tried = distinct(np.array([[0.0, 0.0, 1.0], *axes, *-axes, *unit_vectors(-measured.normal[None])]))
         tried = axes[2:] if isinstance(body.geometry, coal.Halfspace) else tried
         if body.support is None and not isinstance(body.geometry, coal.Halfspace):
+            # Farther away than any facet that counts as close, it is an ordinary pair.
+            if measured.proven > enough + NEAR:
+                continue
             split = _split(checker, pair, moving, tried, enough, motion)
             if split.groups:
                 splits.append(split)
@@ -222,24 +225,23 @@ def _departures(
         departure, proof, gap = _best(moving, tried, levels, gaps, enough, motion)
         convex.append((pair, departure, proof, gap))
     # A checker with the parts of meshes, and the pairs of each split: its groups first, then the rest.
-    full, places, first = checker, list[list[int]](), len(checker.bodies)
+    full, ranges, first = checker, list[list[tuple[int, int]]](), len(checker.bodies)
     if splits:
-        ranges = []
         for split in splits:
             a = checker.pairs[split.pair][0]
             ranges.append([(a, first + k) for k in range(len(split.bodies))])
             first += len(split.bodies)
         bodies = [body for split in splits for body in split.bodies]
         full = checker._with_obstacle_bodies(bodies, [pair for own in ranges for pair in own])
-        index = {pair: k for k, pair in enumerate(full.pairs)}
-        places = [[index[pair] for pair in own] for own in ranges]
+    index = {pair: k for k, pair in enumerate(full.pairs)} if splits or convex else {}
+    places = [[index[pair] for pair in own] for own in ranges]
     separating_pairs = [
-        _separating_pair(full, full.pairs.index(checker.pairs[pair]), departure, proof, gap, motion)
+        _separating_pair(full, index[checker.pairs[pair]], departure, proof, gap, motion)
         for pair, departure, proof, gap in convex
     ]
     pieces, parts = {}, {}
     for split, own in zip(splits, places, strict=True):
-        pair = full.pairs.index(checker.pairs[split.pair])
+        pair = index[checker.pairs[split.pair]]
         pieces[pair] = [
             _separating_pair(full, k, group.departure, group.proof, group.gap, motion, of_facets=True)
             for k, group in zip(own, split.groups, strict=False)

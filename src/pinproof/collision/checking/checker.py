@@ -449,7 +449,8 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
 
     def pairs_of_owners(self, one: str, other: str) -> list[int]:
         """Return the indices of the checked pairs of the bodies of two owners."""
-        return [k for k in range(len(self.pairs)) if {one, other} == set(self.owners(k))]
+        a, b = ({i for i, body in enumerate(self.bodies) if body.owner == name} for name in (one, other))
+        return [k for k, (i, j) in enumerate(self.pairs) if (i in a and j in b) or (i in b and j in a)]
 
     def pairs_in_contact(self, q: Array) -> list[int]:
         """Return the indices of the pairs in contact at q (n,)."""

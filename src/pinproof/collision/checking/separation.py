@@ -18,7 +18,7 @@ from pinproof._core import Shape as CoreShape
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.placed_bodies import MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support
-from pinproof.collision.geometry.hulls import Solid, bvh
+from pinproof.collision.geometry.hulls import Solid, Surface, bvh
 from pinproof.spatial import Array, matrix
 
 Indices = npt.NDArray[np.int64]
@@ -95,6 +95,8 @@ class FacetGroup(NamedTuple):
 def facets_of(body: Body) -> tuple[Array, Indices]:
     """Return the vertices (V, 3), in its own frame, and the triangles (F, 3) of an exact mesh."""
     geometry = body.geometry
+    if isinstance(body.solid, Solid):
+        return body.solid.vertices, body.solid.triangles
     triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
     return np.array(geometry.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64)
 
@@ -111,7 +113,7 @@ def facet_body(body: Body, name: str, vertices: Array, triangles: Indices) -> Bo
         body.link_from_body,
         np.array([points.min(axis=0), points.max(axis=0)]),
         None,
-        Solid(points, faces, hollow=True),
+        Surface(points[faces]),
     )
 
 

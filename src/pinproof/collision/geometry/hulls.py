@@ -9,7 +9,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import coal
 import numpy as np
@@ -293,11 +293,32 @@ class Solid:
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""
-        return self.watertight and inside(points, self.corners, self.box)
+        return bool(self.core_shape.contains(np.ascontiguousarray(points, dtype=float)).any())
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
         return self.vertices.tobytes() + self.triangles.tobytes() + bytes([self.hollow])
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles (F, 3, 3) without an inside, such as a part of a mesh; its witnesses are a corner of each."""
+
+    surface: Array
+    watertight: ClassVar[bool] = False
+
+    @property
+    def witnesses(self) -> Array:
+        """(F, 3) a corner of each triangle."""
+        return np.asarray(self.surface[:, 0])
+
+    def contains(self, points: Array) -> bool:  # noqa: ARG002
+        """Return False: nothing is inside."""
+        return False
+
+    def content(self) -> bytes:
+        """Return its defining numbers, for a hash."""
+        return self.surface.tobytes()
 
 
 def box_of(corners: Array) -> Array:

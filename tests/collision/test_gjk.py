@@ -224,7 +224,7 @@ def test_contact_is_decided_on_both_sides_of_the_margin(data):
             space, _ = workspace(shapes, at, margin=margin)
             assert space.judge(np.zeros(1)) == (_core.CONTACT if margin > upper else 0)
     q = np.zeros(1)
-    overlapping, _, below, above, pair = workspace(shapes, at)[0].find_nearest(q)
+    overlapping, below, above, pair = workspace(shapes, at)[0].find_nearest(q)
     assert overlapping == ([0] if lower <= 0 else [])
     if lower > 0:
         assert (below, above, pair) == (pytest.approx(lower, abs=1e-9), pytest.approx(upper, abs=1e-9), 0)

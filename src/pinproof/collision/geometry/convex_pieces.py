@@ -33,7 +33,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
@@ -41,8 +41,9 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Shape as CoreShape
 from pinproof.collision.geometry import hulls
-from pinproof.collision.geometry.hulls import PointHull, Solid, box_of, bvh, cut_crossing, inside, with_area
+from pinproof.collision.geometry.hulls import PointHull, Solid, box_of, bvh, cut_crossing, with_area
 from pinproof.common.content_hash import cached, content_digest
 from pinproof.spatial import Array
 
@@ -368,7 +369,8 @@ def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces 
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     cells = []
     for part in solid.solids if len(solid.solids) <= most else (corners,):
-        space = _Space(partial(inside, corners=part, box=box_of(part)), SNAP * size, NUDGE * size, size)
+        core = CoreShape.mesh(part.reshape(-1, 9), np.empty((0, 3)), solid.watertight, box_of(part))
+        space = _Space(core.contains, SNAP * size, NUDGE * size, size)
         cells.append(_ConvexCell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
     # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
     if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (
@@ -396,7 +398,7 @@ def kept_convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPi
 
 @dataclass(frozen=True, eq=False)
 class _Space:
-    contains: Callable[[Array], bool]
+    contains: Callable[[Array], npt.NDArray[np.bool_]]
     snap: float
     nudge: float
     size: float
@@ -470,8 +472,7 @@ class _ConvexCell:
         inward = corners.mean(axis=0) - corners
         lengths = np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
         nudged = corners + inward / lengths * np.minimum(self.space.nudge, lengths / 2)
-        kept = [corner for corner, near in zip(corners, nudged, strict=True) if self.space.contains(near[None])]
-        return np.array(kept).reshape(-1, 3)
+        return np.asarray(corners[self.space.contains(nudged)])
 
     @property
     def empty(self) -> bool:

@@ -241,7 +241,6 @@ class Solid:
     """(F, 3, 3) the triangles with three different corners; solid parts of a watertight mesh are oriented outwards."""
     surface: Array = field(init=False, repr=False)
     """(F, 3, 3) the triangles of ``corners``, and those with equal corners, which enclose nothing."""
-    box: Array = field(init=False, repr=False)
     solids: tuple[Array, ...] = field(init=False, repr=False)
     """The triangles of bodies whose union is the volume: of each part; of all if the mesh has cavities or no inside."""
 
@@ -275,8 +274,7 @@ class Solid:
                     cavities = True
         object.__setattr__(self, "corners", corners)
         object.__setattr__(self, "surface", np.concatenate([corners, points[flat]]) if len(flat) else corners)
-        object.__setattr__(self, "box", box_of(corners) if closed else np.full((2, 3), np.nan))
-        for array in (self.witnesses, self.corners, self.surface, self.box):
+        for array in (self.witnesses, self.corners, self.surface):
             array.setflags(write=False)
         solids = (
             [self.corners[part] for part in parts] if closed and not cavities and len(parts) > 1 else [self.corners]
@@ -324,12 +322,6 @@ class Surface:
 def box_of(corners: Array) -> Array:
     """(2, 3) the least and the greatest coordinates of triangles (F, 3, 3)."""
     return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
-
-
-def inside(points: Array, corners: Array, box: Array) -> bool:
-    """Whether any of the points (N, 3) lies inside the closed surface of triangles (F, 3, 3) with a bounding box."""
-    near = points[np.all((points >= box[0]) & (points <= box[1]), axis=1)]
-    return any(abs(winding_number(point, corners)) > 0.5 for point in near)
 
 
 def winding_number(point: Array, corners: Array) -> float:

@@ -314,10 +314,10 @@ def _split(
     if not groups:
         return _Split(pair, [], [], deepest)
     name = f"{body.name} near {checker.bodies[a].name}"
-    bodies = [facet_body(body, f"{name}, {k}", vertices, triangles[group.facets]) for k, group in enumerate(groups)]
+    bodies = [facet_body(body, f"{name}, {k}", group.facets) for k, group in enumerate(groups)]
     others = np.setdiff1d(np.arange(len(triangles)), np.concatenate([group.facets for group in groups]))
     if len(others):
-        bodies.append(facet_body(body, f"{body.name} away from {checker.bodies[a].name}", vertices, triangles[others]))
+        bodies.append(facet_body(body, f"{body.name} away from {checker.bodies[a].name}", others))
     return _Split(pair, groups, bodies, deepest)
 
 

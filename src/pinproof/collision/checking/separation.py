@@ -7,7 +7,8 @@ mesh, the facets close to the body at the start are grouped by the directions al
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -23,6 +24,12 @@ from pinproof.spatial import Array, matrix
 
 Indices = npt.NDArray[np.int64]
 Follow = Callable[[Departure], DepartureProof]
+
+FACETS_KEPT = 256
+"""Number of groups of facets whose geometry is kept."""
+
+MOST_KEPT = 5000
+"""Facets in a group; the geometry of a larger one is not kept, because it takes 1 kB a facet."""
 
 FAILURES = 24
 """Number of failed directions after which no more are tried for one pair."""
@@ -101,20 +108,20 @@ def facets_of(body: Body) -> tuple[Array, Indices]:
     return np.array(geometry.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64)
 
 
-def facet_body(body: Body, name: str, vertices: Array, triangles: Indices) -> Body:
-    """Return an obstacle of some triangles of an exact mesh: a surface of the same owner."""
-    used, index = np.unique(triangles, return_inverse=True)
+def facet_body(body: Body, name: str, facets: Indices) -> Body:
+    """Return an obstacle of some facets of an exact mesh, by their indices: a surface of the same owner."""
+    make = _facet_geometry if len(facets) <= MOST_KEPT else _facet_geometry.__wrapped__
+    geometry, box, surface = make(body, facets.tobytes())
+    return Body(name, body.owner, body.link, geometry, body.link_from_body, box, None, surface)
+
+
+@lru_cache(maxsize=FACETS_KEPT)
+def _facet_geometry(body: Body, facets: bytes) -> tuple[Any, Array, Surface]:
+    """Return geometry, box and surface of some facets: the pieces of a part leave the same ones in many motions."""
+    vertices, triangles = facets_of(body)
+    used, index = np.unique(triangles[np.frombuffer(facets, dtype=np.int64)], return_inverse=True)
     points, faces = vertices[used], index.reshape(-1, 3)
-    return Body(
-        name,
-        body.owner,
-        body.link,
-        bvh(points, faces),
-        body.link_from_body,
-        np.array([points.min(axis=0), points.max(axis=0)]),
-        None,
-        Surface(points[faces]),
-    )
+    return bvh(points, faces), np.array([points.min(axis=0), points.max(axis=0)]), Surface(points[faces])
 
 
 def leave_facets(

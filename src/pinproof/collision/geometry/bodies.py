@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
-from pinproof.collision.geometry.hulls import Inside, Solid, bvh, convex_hull, core_mesh, hull_of_any
+from pinproof.collision.geometry.hulls import Inside, Solid, Surface, bvh, convex_hull, core_mesh, hull_of_any
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
     Box,
@@ -177,7 +177,7 @@ class Body:
             return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
         if self.solid is None:
             return CoreShape.half_space(self.box)
-        return self.solid.core_shape if isinstance(self.solid, Solid) else core_mesh(self.solid)
+        return self.solid.core_shape if isinstance(self.solid, Solid | Surface) else core_mesh(self.solid)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "core_shape"}

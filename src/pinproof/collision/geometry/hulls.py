@@ -305,6 +305,11 @@ class Surface:
     surface: Array
     watertight: ClassVar[bool] = False
 
+    @cached_property
+    def core_shape(self) -> CoreShape:
+        """The triangles as the compiled core uses them, shared by all bodies of this surface."""
+        return core_mesh(self)
+
     @property
     def witnesses(self) -> Array:
         """(F, 3) a corner of each triangle."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.collision import CheckerSpec
+from pinproof.collision.checking import assembly
 from pinproof.description import robots_folder
 
 from ..examples import examples
@@ -325,3 +327,38 @@ def test_a_copy_keeps_the_bodies_it_has(cell) -> None:
     fewer = checker.with_scene(scene.remove("bolt_2"))
     kept = {id(body) for body in checker.bodies}
     assert all(id(body) in kept for body in fewer.bodies)
+
+
+CLUTTER = [pp.Obstacle(f"box_{i}", pp.Box(0.1, 0.1, 0.1 + 0.01 * i), pp.pose((2.0, 0.2 * i, 0.3))) for i in range(8)]
+
+
+def chain_of_checkers(arm, link: str, hand: dict[str, float]):
+    """Checkers of a task, each derived from another, of which some were derived before with other bodies."""
+    start = pp.CollisionChecker(arm, pp.Scene([BALL, TABLE, *CLUTTER], allowed=[(link, "box_3")]), margin=0.002)
+    yield start
+    for size in (0.02, 0.5):  # a small object touches other links than one that contains the hand
+        part = pp.Obstacle("part", pp.Box(size, size, size), pp.pose((0, 0, size / 2)))
+        yield (held := start.with_attached(TOOL, part))
+        yield held.allowing(("tool", "part"), ("part", "table"), (link, "ball"))
+        yield held.with_scene(held.scene.move("box_5", pp.pose((2.1, 0.0, 0.3)))).with_held(hand)
+        yield held.with_scene(held.scene.remove("box_3", "ball")).with_margin(0.01)
+        yield held.with_margin(margins={("part", "box_6"): 0.03, ("tool", link): 0.0}).with_obstacle_tolerance(0.001)
+        yield start.with_scene(pp.Scene([*CLUTTER, TABLE], allowed=[("*", "table")])).with_attached(part)
+        yield held.without_pairs(range(5)).with_scene(pp.Scene([TABLE]))
+
+
+@pytest.mark.parametrize(
+    ("robot", "link", "hand"), [("ur5", "forearm_link", {}), ("panda", "panda_link5", {"panda_finger_joint1": 0.02})]
+)
+def test_checkers_of_a_task_equal_new_ones(robot, link, hand, monkeypatch):
+    arm = pp.load_robot(robot).arm()
+    derived = list(chain_of_checkers(arm, link, hand))
+    monkeypatch.setattr(assembly, "_KNOWN", WeakKeyDictionary())
+    for checker in derived:
+        assembly._KNOWN.clear()  # nothing is known of the robot
+        same(checker, pp.CollisionChecker.of(checker.spec), checker.group)
+
+
+def test_an_obstacle_cannot_have_the_bodies_of_another(ur5):
+    with pytest.raises(pp.InputError, match="two bodies have the name 'ball'"):
+        pp.CollisionChecker(ur5, pp.Scene([BALL])).with_attached(BALL)

@@ -161,7 +161,7 @@ def body(shape: Any, on: int, place: np.ndarray = EYE) -> Any:
 def geometry(robot_bodies: int = 2, joints: tuple[int, int, int] = (0, 1, -1), obstacle: Any = None) -> Any:
     """Cubes on both joints, and one as an obstacle, unless it is another body."""
     cubes = [body(cube(), joints[0]), body(cube(), joints[1]), obstacle or body(cube(), joints[2], moved(3.0))]
-    return _core.Geometry(tree(), cubes, robot_bodies, 1e-9)
+    return _core.Geometry(tree(), cubes[:robot_bodies], _core.Obstacles(cubes[robot_bodies:]), 1e-9)
 
 
 PAIRS = np.array([[0, 2], [1, 2]])
@@ -390,7 +390,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a body without a shape": lambda: body(None, 0),
     "a body on a joint that does not exist": lambda: geometry(joints=(0, 2, -1)),
     "an obstacle on a joint": lambda: geometry(joints=(0, 1, 1)),
-    "more robot bodies than bodies": lambda: geometry(robot_bodies=4),
+    "an obstacle without a shape": lambda: _core.Obstacles([body(None, -1)]),
     "a body placed at NaN": lambda: body(cube(), 0, np.full((4, 4), NAN)),
     "pairs in one row": lambda: _core.World(geometry(), PAIRS.reshape(1, 4), np.zeros(2)),
     "a pair with a body that does not exist": lambda: _core.World(geometry(), np.array([[0, 3]]), np.zeros(1)),

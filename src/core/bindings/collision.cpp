@@ -49,16 +49,20 @@ void bind_shapes(nb::module_& module) {
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
 }
 
-std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& bodies,
-                                        std::size_t robot_bodies, double rounding) {
-    if (robot_bodies > bodies.size()) refuse("robot_bodies exceeds the number of bodies");
-    for (std::size_t i = 0; i < bodies.size(); ++i) {
-        const int joint = bodies[i].joint;
-        const bool on_joint = joint >= 0 && static_cast<std::size_t>(joint) < tree.joints.size() && i < robot_bodies;
-        if (bodies[i].shape == nullptr || (joint != kRoot && !on_joint))
-            refuse("a body has no shape, or is on a joint that it cannot be on");
+std::shared_ptr<Obstacles> make_obstacles(const std::vector<Body>& bodies) {
+    for (const Body& body : bodies)
+        if (body.shape == nullptr || body.joint != kRoot) refuse("an obstacle has no shape, or is on a joint");
+    return std::make_shared<Obstacles>(bodies);
+}
+
+std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& robot, const Obstacles& others,
+                                        double rounding) {
+    for (const Body& body : robot) {
+        const bool on_joint = body.joint >= 0 && static_cast<std::size_t>(body.joint) < tree.joints.size();
+        if (body.shape == nullptr || (body.joint != kRoot && !on_joint))
+            refuse("a body has no shape, or is on a joint that does not exist");
     }
-    return std::make_shared<Geometry>(tree, bodies, robot_bodies, rounding);
+    return std::make_shared<Geometry>(tree, robot, others, rounding);
 }
 
 std::span<const double> margins_of(const Vector& margins, std::size_t pairs) {
@@ -85,8 +89,10 @@ std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const Inde
 void bind_world(nb::module_& module) {
     bind_struct<Body>(module, "Body", "A body of the robot on a joint or the root (-1), or an obstacle on the root.",
                       unchecked, MEMBERS(Body, shape, joint, joint_from_body));
+    nb::class_<Obstacles>(module, "Obstacles", "The bodies of obstacles, for the geometries of several checkers.")
+        .def(nb::new_(&make_obstacles), "bodies"_a);
     nb::class_<Geometry>(module, "Geometry", "The bodies of a checker: those of the robot, then the obstacles.")
-        .def(nb::new_(&make_geometry), "tree"_a, "bodies"_a, "robot_bodies"_a, "rounding"_a);
+        .def(nb::new_(&make_geometry), "tree"_a, "robot"_a, "obstacles"_a, "rounding"_a);
     nb::class_<World>(module, "World", "The pairs of bodies of a checker, and their margins.")
         .def(nb::new_(&make_world), "geometry"_a, "pairs"_a, "margins"_a)
         .def("with_margins", [](const World& world, const Vector& margins) {

@@ -65,12 +65,15 @@ MotionBounds::MotionBounds(const World& world)
         std::vector<int>& known = needed_[static_cast<std::size_t>(body)];
         if (std::ranges::find(known, k) == known.end()) known.push_back(k);
     };
-    for (const Pair& pair : world.pairs)
-        if (!pair.with_obstacle)
+    for (const auto* listed : {&world.own, &world.still})
+        for (int number : *listed) {
+            const Pair& pair = world.pairs[static_cast<std::size_t>(number)];
+            if (pair.with_obstacle) continue;
             for (int k : world.joints_between(pair)) {
                 need(pair.a, k);
                 need(pair.b, k);
             }
+        }
 }
 
 void MotionBounds::set(std::span<const Transform> joints, std::span<const PlacedBody> bodies, const double* delta,

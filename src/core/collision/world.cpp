@@ -32,8 +32,7 @@ Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
 }
 
 // Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
-void add_nodes(std::vector<ObstacleNode>& nodes, std::span<int> members, const std::vector<Bounds>& bounds,
-               std::size_t first_obstacle) {
+void add_nodes(std::vector<ObstacleNode>& nodes, std::span<int> members, const std::vector<Bounds>& bounds) {
     const std::size_t here = nodes.size();
     ObstacleNode node{bounds[members[0]].low, bounds[members[0]].high, 0, -1};
     Vec3 low = bounds[members[0]].centre, high = low;
@@ -46,15 +45,15 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<int> members, const s
             coordinate(high, i) = std::max(high[i], each.centre[i]);
         }
     }
-    if (members.size() == 1) node.body = static_cast<int>(first_obstacle) + members[0];
+    if (members.size() == 1) node.body = members[0];
     nodes.push_back(node);
     if (members.size() > 1) {
         const Vec3 width = high - low;
         const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
         std::ranges::stable_sort(members, {}, [&](int member) { return bounds[member].centre[longest]; });
         const std::size_t half = members.size() / 2;
-        add_nodes(nodes, members.first(half), bounds, first_obstacle);
-        add_nodes(nodes, members.subspan(half), bounds, first_obstacle);
+        add_nodes(nodes, members.first(half), bounds);
+        add_nodes(nodes, members.subspan(half), bounds);
     }
     nodes[here].skip = static_cast<int>(nodes.size());
 }
@@ -78,20 +77,33 @@ bool has_influence(const JointTree& tree, int k) { return tree.joints[k].multipl
 
 }  // namespace
 
-Geometry::Geometry(JointTree tree_, std::vector<Body> bodies_, std::size_t robot_bodies_, double rounding_)
+Obstacles::Obstacles(std::vector<Body> bodies_) : bodies(std::move(bodies_)) {
+    std::vector<Bounds> bounds;
+    at_rest.reserve(bodies.size());
+    bounds.reserve(bodies.size());
+    for (const Body& body : bodies) {
+        at_rest.push_back(placed(body.joint_from_body, *body.shape));
+        bounds.push_back(bounds_of(at_rest.back(), body.shape->half));
+    }
+    std::vector<int> members(bounds.size());
+    std::iota(members.begin(), members.end(), 0);
+    nodes.reserve(2 * bounds.size());
+    if (!members.empty()) add_nodes(nodes, members, bounds);
+}
+
+Geometry::Geometry(JointTree tree_, std::vector<Body> robot, const Obstacles& others, double rounding_)
     : tree(std::move(tree_)),
-      bodies(std::move(bodies_)),
-      robot_bodies(robot_bodies_),
+      bodies(std::move(robot)),
+      robot_bodies(bodies.size()),
       at_rest(bodies.size()),
+      obstacles(others.nodes),
       rounding(rounding_) {
     for (std::size_t i = 0; i < bodies.size(); ++i)
         if (bodies[i].joint == kRoot) at_rest[i] = placed(bodies[i].joint_from_body, *bodies[i].shape);
-    std::vector<Bounds> bounds;
-    for (std::size_t i = robot_bodies; i < bodies.size(); ++i)
-        bounds.push_back(bounds_of(at_rest[i], bodies[i].shape->half));
-    std::vector<int> members(bounds.size());
-    std::iota(members.begin(), members.end(), 0);
-    if (!members.empty()) add_nodes(obstacles, members, bounds, robot_bodies);
+    bodies.insert(bodies.end(), others.bodies.begin(), others.bodies.end());
+    at_rest.insert(at_rest.end(), others.at_rest.begin(), others.at_rest.end());
+    for (ObstacleNode& node : obstacles)
+        if (node.body >= 0) node.body += static_cast<int>(robot_bodies);
 }
 
 World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int64_t> bodies,
@@ -100,45 +112,48 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
     const Geometry& space = *geometry;
     const std::size_t obstacles = space.bodies.size() - space.robot_bodies;
     obstacle_pairs.assign(space.robot_bodies * obstacles, -1);
-    pairs.reserve(margins.size());
+    pairs.resize(margins.size());
+    // All pairs of a body with obstacles have the same joints between them: for each body, the first such pair.
+    std::vector<int> first_pair(space.robot_bodies, -1);
     std::vector<int> adjacent;
     for (std::size_t k = 0; k < margins.size(); ++k) {
-        Pair pair{};
+        const int index = static_cast<int>(k);
+        Pair& pair = pairs[k];
         pair.a = static_cast<int>(bodies[2 * k]);
         pair.b = static_cast<int>(bodies[2 * k + 1]);
+        pair.margin = margins[k];
         pair.with_obstacle = static_cast<std::size_t>(pair.b) >= space.robot_bodies;
         const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
         pair.convex = a.shape->kind != ShapeKind::kMesh && b.shape->kind != ShapeKind::kMesh;
-        // All pairs of a body with obstacles have the same joints between them.
-        const bool repeated =
-            pair.with_obstacle && !pairs.empty() && pairs.back().with_obstacle && pairs.back().a == pair.a;
-        if (repeated) {
-            const Pair& last = pairs.back();
-            pair.first = last.first;
-            pair.joints = last.joints;
-            pair.up = last.up;
+        if (pair.with_obstacle) widest_margin = std::max(widest_margin, pair.margin);
+        std::ptrdiff_t influences = 0;
+        if (pair.with_obstacle && first_pair[pair.a] >= 0) {
+            const Pair& first = pairs[first_pair[pair.a]];
+            pair.first = first.first;
+            pair.joints = first.joints;
+            pair.up = first.up;
+            pair.moving = first.moving;
         } else {
             pair.first = static_cast<std::uint32_t>(between.size());
             pair.up = append_between(space.tree, a.joint, b.joint, between);
             pair.joints = static_cast<std::uint32_t>(between.size()) - pair.first;
+            influences = std::ranges::count_if(joints_between(pair), [&](int j) { return has_influence(space.tree, j); });
+            pair.moving = influences > 0;
+            if (pair.with_obstacle) {
+                first_pair[pair.a] = index;
+                if (pair.moving) around.push_back(pair.a);
+            }
         }
-        const auto path = joints_between(pair);
-        const auto count = std::ranges::count_if(path, [&](int j) { return has_influence(space.tree, j); });
-        pair.moving = count > 0;
-        const int index = static_cast<int>(k);
         if (!pair.moving) {
             still.push_back(index);
         } else if (pair.with_obstacle) {
             obstacle_pairs[pair.a * obstacles + pair.b - space.robot_bodies] = index;
-            around.push_back(pair.a);
         } else {
             own.push_back(index);
-            if (count == 1 && pair.convex) adjacent.push_back(index);
+            if (influences == 1 && pair.convex) adjacent.push_back(index);
         }
-        pairs.push_back(pair);
     }
     std::ranges::sort(around, std::greater<>());
-    around.erase(std::unique(around.begin(), around.end()), around.end());
     if (!adjacent.empty()) {
         std::vector<Transform> joints(space.tree.joints.size());
         std::vector<PlacedBody> at = space.at_rest;
@@ -152,7 +167,6 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
             pair.first_direction = separation.direction;
         }
     }
-    *this = with_margins(margins);
 }
 
 World World::with_margins(std::span<const double> margins) const {

@@ -39,6 +39,15 @@ struct ObstacleNode {
     int body;  // the obstacle, if it is a single one; otherwise -1
 };
 
+// The bodies of obstacles with a tree of boxes around them, which checkers of different robots, tools or parts share.
+struct Obstacles {
+    std::vector<Body> bodies;
+    std::vector<PlacedBody> at_rest;
+    std::vector<ObstacleNode> nodes;
+
+    explicit Obstacles(std::vector<Body> bodies);
+};
+
 // The bodies and joints, which checkers with different pairs or margins share.
 struct Geometry {
     JointTree tree;
@@ -48,7 +57,7 @@ struct Geometry {
     std::vector<ObstacleNode> obstacles;
     double rounding = 0.0;  // allowance (m) for floating-point errors, subtracted from every distance
 
-    Geometry(JointTree tree, std::vector<Body> bodies, std::size_t robot_bodies, double rounding);
+    Geometry(JointTree tree, std::vector<Body> robot, const Obstacles& others, double rounding);
 
     const Shape& shape(int body) const { return *bodies[static_cast<std::size_t>(body)].shape; }
 };

@@ -134,7 +134,7 @@ class Scene(Mapping[str, Obstacle], Shown):
 
     __eq__, __hash__ = object.__eq__, object.__hash__
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The names of the obstacles, in order."""
         return tuple(self)

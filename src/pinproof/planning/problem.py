@@ -326,7 +326,7 @@ def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tupl
     """Return barriers between the start (n,) and the goals (g, n) if every goal is behind a barrier, otherwise ()."""
     # The pairs of bodies that a single joint moves relative to each other, by the index of the joint.
     pairs_of: dict[int, set[int]] = {}
-    for pair in range(len(checker.pairs)):
+    for pair in range(len(checker.margins)):
         between = {joint.index for joint in checker.world.joints_between(pair)}
         if len(between) == 1:
             pairs_of.setdefault(between.pop(), set()).add(pair)
@@ -334,8 +334,8 @@ def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tupl
     reachable = np.ones(len(goals), dtype=bool)
     barriers = []
     for joint, pairs in sorted(pairs_of.items()):
-        judge = checker.without_pairs(set(range(len(checker.pairs))) - pairs)
-        owners = {frozenset(checker.bodies[i].owner for i in checker.pairs[pair]) for pair in pairs}
+        judge = checker.without_pairs(set(range(len(checker.margins))) - pairs)
+        owners = {frozenset(checker.bodies[i].owner for i in checker.indices_of(pair)) for pair in pairs}
         for side in (-1.0, 1.0):
             steps = side * (goals[:, joint] - start[joint])
             behind = reachable & (steps > 0)

@@ -412,7 +412,7 @@ class _CurveProof:
                 distance = judge._placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
             return self._undecided(UndecidedSpan(span.start, span.end, judge.owners(span.pair), distance))
         proven = float(self._state.proven)
-        message = free_sentence(proven, len(self._checker.pairs), len(self._checker.excluded))
+        message = free_sentence(proven, len(self._checker.margins), len(self._checker.excluded))
         message += f"; {self._tolerances}" if self._tolerances else ""
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)
 
@@ -446,7 +446,7 @@ class _CurveProof:
         """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
         contact = self._judge._contact(pair, measured)
         moved = self._limits.obstacles
-        if not moved or self._judge.bodies[self._judge.pairs[pair][1]].link is not None:
+        if not moved or self._judge.bodies[self._judge.indices_of(pair)[1]].link is not None:
             return contact
         return replace(contact, distance=contact.distance - moved)
 
@@ -511,7 +511,7 @@ class _CurveProof:
             first_contact=first_contact,
             undecided=undecided,
             message=message,
-            pairs=len(checker.pairs),
+            pairs=len(checker.margins),
             intervals=state.intervals,
             excluded=tuple(checker.excluded),
             tolerance=self._settings.tolerance,

@@ -112,7 +112,7 @@ def _free(
         for each in (*touching, *others.values())
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
-    message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
+    message = "; ".join([free_sentence(clearance, len(checker.margins), len(checker.excluded)), *map(str, partings)])
     # Obstacles may be displaced as far as the part with the least slack allows.
     slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
     slack += [min(DEEPEST + each.gap - obstacle_tolerance, each.slack) for each in separating_pairs]
@@ -198,7 +198,7 @@ def _departures(
     convex: list[tuple[int, Departure, DepartureProof, float]] = []
     splits: list[_Split] = []
     for pair in pairs:
-        a, b = checker.pairs[pair]
+        a, b = checker.indices_of(pair)
         moving, body = MovingBody(checker, a), checker.bodies[b]
         moving.move(motion.control[0, 0])
         enough = float(checker.margins[pair]) + motion.limits.obstacles + 2 * checker.rounding
@@ -228,7 +228,7 @@ def _departures(
     full, ranges, first = checker, list[list[tuple[int, int]]](), len(checker.bodies)
     if splits:
         for split in splits:
-            a = checker.pairs[split.pair][0]
+            a = checker.indices_of(split.pair)[0]
             ranges.append([(a, first + k) for k in range(len(split.bodies))])
             first += len(split.bodies)
         bodies = [body for split in splits for body in split.bodies]
@@ -296,7 +296,7 @@ def _split(
     checker: CollisionChecker, pair: int, moving: MovingBody, tried: Array, enough: float, motion: _BodyMotion
 ) -> _Split:
     """Split an exact mesh into the facets close to the start of a body and the rest."""
-    a, b = checker.pairs[pair]
+    a, b = checker.indices_of(pair)
     body = checker.bodies[b]
     vertices, triangles = facets_of(body)
     at = matrix(body.link_from_body)
@@ -350,7 +350,7 @@ def _find_start_contact(
     margin = float(checker.margins[pair])
     if measured.attained - motion.limits.obstacles > margin:
         return None
-    leaving, left = (checker.bodies[i] for i in checker.pairs[pair])
+    leaving, left = (checker.bodies[i] for i in checker.indices_of(pair))
     # The penetration is the smaller of coal's depth and the gap along the best direction, which for a moving mesh is
     # that of its hull. For an obstacle mesh, coal returns the depth at some facet; the gap is that of the deepest one.
     distance = measured.distance
@@ -433,7 +433,7 @@ def _on_complete_curve(
         last,
         observed=min(certificate.observed for certificate in (*before, last)),
         intervals=sum(certificate.intervals for certificate in (*before, last)),
-        pairs=len(checker.pairs),
+        pairs=len(checker.margins),
         excluded=tuple(checker.excluded),
         curve=curve_hash(curve),
         setup=setup.hash,

@@ -12,16 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations, product
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import Body as PlacedBody
-from pinproof._core import Geometry, Joint, JointTree, World
+from pinproof._core import Geometry, Joint, JointTree, Obstacles, World
 from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, Overlaps
 from pinproof.collision.checking.spec import CheckerSpec, Levels
 from pinproof.collision.geometry.bodies import Body, shape_bodies
@@ -75,12 +76,15 @@ class FinerPair:
     reason: str
 
 
-class Pairs(NamedTuple):
-    """The checked pairs of bodies, sorted, and the owners that are not checked or checked with finer geometry."""
+Indices = npt.NDArray[np.int64]
 
-    checked: list[tuple[int, int]]
-    excluded: list[ExcludedPair]
-    finer: list[FinerPair]
+
+class Pairs(NamedTuple):
+    """The checked pairs of bodies (P, 2), sorted, and the owners that are not checked, or with finer geometry."""
+
+    checked: Indices
+    excluded: Sequence[ExcludedPair]
+    finer: Sequence[FinerPair]
 
 
 class PairRules(NamedTuple):
@@ -91,16 +95,45 @@ class PairRules(NamedTuple):
     trust_disabled: bool = False
 
 
+class _Known(NamedTuple):
+    """What checkers with the same links, joints and rules have in common."""
+
+    claims: dict[Any, tuple[str, bool]]  # :meth:`_Neighbours.claim` of two links, or of objects attached to them
+    of_robot: dict[Any, Pairs]  # the pairs of the robot's bodies
+    pairs: dict[Any, Pairs]  # all pairs, with as many obstacles
+    levels: list[dict[frozenset[str], int]]  # the result of :func:`overlap_levels`, if it was computed
+
+
+def _keep(kept: dict[Any, Any], key: Any, value: Any, most: int) -> None:
+    if len(kept) >= most:
+        kept.clear()
+    kept[key] = value
+
+
+_KNOWN: WeakKeyDictionary[Robot, dict[Any, _Known]] = WeakKeyDictionary()
+
+CLAIMS_KEPT = 10_000
+"""Number of pairs of links and attached objects of which it is kept whether they touch by design."""
+
+PAIRS_KEPT, MOST_PAIRS = 64, 20_000
+"""Number of sets of bodies of a robot (links and attached objects) of which the pairs are kept, and the largest number
+of pairs of all bodies that is kept: 20 MB in all."""
+
+
 def choose_pairs(
-    bodies: Sequence[Body],
+    own: Sequence[Body],
+    obstacles: Mapping[str, range],
     arm: JointGroup,
     scene: Scene,
     rules: PairRules,
     *,
-    levels: Mapping[frozenset[str], int] | None = None,
+    levels: Levels,
     allowed: Iterable[Sequence[str]] = (),
 ) -> Pairs:
-    """Return the pairs to check; ``levels`` are the levels of detail of pairs of owners, where not 0."""
+    """Return the pairs to check of the bodies of the robot, and of ``obstacles``: the indices of bodies by name.
+
+    ``levels`` are the levels of detail of pairs of owners, where not 0.
+    """
     robot = arm.robot
     if scene.frame:  # such as base_link, fixed to world without an offset
         frame = (
@@ -112,17 +145,15 @@ def choose_pairs(
             raise InputError(
                 f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}"
             )
-    levels = levels or {}
     # The bodies of each owner.
     members: dict[str, list[int]] = {}
-    for i, body in enumerate(bodies):
+    for i, body in enumerate(own):
         members.setdefault(body.owner, []).append(i)
     # Why pairs are not checked, whatever their bodies: they are disabled and trusted, or allowed.
     reasons: dict[frozenset[str], str] = {}
     if rules.trust_disabled:
         reasons.update({frozenset(pair): "scene: disabled without a reason" for pair in scene.disabled})
         reasons.update({frozenset(pair.links): _by_srdf(pair.reason) for pair in robot.srdf.disabled})
-    silent = set(robot.urdf.links) - set(members)  # links without geometry
     by_scene, by_caller = (
         ("allowed by the scene", scene.where, scene.allowed),
         (ALLOWED_BY_CALLER, "the caller", allowed),
@@ -130,43 +161,94 @@ def choose_pairs(
     for reason, where, stated in (by_scene, by_caller):
         for first, second in stated:
             for name in (first, second):
-                if name not in members and name not in silent and name != ANYTHING:
-                    raise UnknownNameError("body", name, members, f"the contacts allowed by {where}")
+                # Links without geometry may be named.
+                if not (name in members or name in obstacles or name in robot.urdf.links or name == ANYTHING):
+                    names = [*members, *obstacles]
+                    raise UnknownNameError("body", name, names, f"the contacts allowed by {where}")
             if first == second:
                 raise InputError(f"the contacts allowed by {where} name {first!r} twice; a pair is two bodies")
-            for pair in product(*(members if name == ANYTHING else (name,) for name in (first, second))):
+            every = (*members, *obstacles) if ANYTHING in (first, second) else ()
+            for pair in product(*(every if name == ANYTHING else (name,) for name in (first, second))):
                 reasons[frozenset(pair)] = reason
-    neighbours = _Neighbours(arm, bodies, rules)
+    # Pairs depend on the owners of bodies only, unless an attached object has to be sampled.
+    neighbours = _Neighbours(arm, own, rules)
+    known = neighbours.known
+    named = {owner: obstacles[owner] for pair in (*reasons, *levels) for owner in pair if owner in obstacles}
+    ruled = sorted(named.items(), key=lambda item: item[1].start)
+    start, end = len(own), max((indices.stop for indices in obstacles.values()), default=len(own))
+    described = tuple([(body.owner, body.link, body.level, body.source) for body in own])
+    rules_of = frozenset(reasons.items()), frozenset(levels.items())
+    key = described, rules_of, end, tuple(ruled)
+    if key in known.pairs and not robot.movers:
+        return known.pairs[key]
+    among = frozenset(item for item in reasons.items() if members.keys() >= item[0])
+    key_of_robot = described, among, rules_of[1]
+    of_robot = known.of_robot.get(key_of_robot)
+    if of_robot is None:
+        of_robot = _pairs_of_robot(own, members, robot, neighbours, reasons, levels)
+        if not neighbours.has_sampled_objects:
+            _keep(known.of_robot, key_of_robot, of_robot, PAIRS_KEPT)
+    excluded, finer = list(of_robot.excluded), list(of_robot.finer)
+    # Obstacles are not checked against each other. Most are in no rule, and are paired with the whole robot at once.
+    carriers = set(robot.movers.values())
+    carried = sorted(owner for owner, mine in members.items() if own[mine[0]].link in carriers)
+    others = [owner for owner in members if owner not in carried]
+    rows = [i for owner in others for i in members[owner] if own[i].level == 0]
+    plain = np.ones(end - start, dtype=np.bool_)
+    for _, own_bodies in ruled:
+        plain[own_bodies.start - start : own_bodies.stop - start] = False
+    special = list[tuple[int, int]]()
+    for a, (b, own_bodies) in product(others, ruled):
+        owners = frozenset((a, b))
+        if owners in reasons:
+            excluded.append(ExcludedPair((a, b), reasons[owners]))
+            continue
+        level = levels.get(owners, 0)
+        mine = _on_level(own, members[a], level)
+        special.extend(product(mine, own_bodies))
+        if any(own[i].level for i in mine):
+            finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], TOUCHED))
+    for a, b in (*combinations(carried, 2), *product(carried, obstacles)):
+        excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
+    # Sorted by their numbers in a table of all bodies.
+    columns = start + np.flatnonzero(plain)
+    listed = np.concatenate([of_robot.checked, np.array(special, dtype=np.int64).reshape(-1, 2)])
+    numbers = (np.array(rows, dtype=np.int64)[:, None] * end + columns).ravel()
+    numbers = np.concatenate([numbers, listed[:, 0] * end + listed[:, 1]])
+    numbers.sort(kind="stable")
+    made = Pairs(np.stack(np.divmod(numbers, max(end, 1)), axis=1), excluded, finer)
+    if len(numbers) <= MOST_PAIRS and key_of_robot in known.of_robot:
+        _keep(known.pairs, key, made, PAIRS_KEPT)
+    return made
+
+
+def _pairs_of_robot(
+    own: Sequence[Body],
+    members: Mapping[str, Sequence[int]],
+    robot: Robot,
+    neighbours: _Neighbours,
+    reasons: Mapping[frozenset[str], str],
+    levels: Levels,
+) -> Pairs:
+    """Return the pairs of links and attached objects, each with a reason against it or a level of detail."""
+    checked, excluded, finer = list[tuple[int, int]](), list[ExcludedPair](), list[FinerPair]()
     unexplained = unexplained_pairs(robot)
-    moving = [owner for owner, own in members.items() if bodies[own[0]].link is not None]
-    owned = {owner: [bodies[i] for i in own] for owner, own in members.items()}
-    # Obstacles are not checked against each other. Most are in no rule, and are paired with all moving bodies at once.
-    named = {owner for pair in (*reasons, *levels) for owner in pair}
-    fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
-    plain = [i for owner in fixed if owner not in named for i in members[owner]]
-    carried = {owner for owner in moving if bodies[members[owner][0]].link in robot.movers.values()}
-    of_robot = [owner for owner in moving if owner not in carried]
-    # The robot with obstacles without a rule.
-    pairs = Pairs([(i, j) for a in of_robot for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    # All other pairs, each with a reason against it or the level of detail on which it is checked.
-    for a, b in (*combinations(moving, 2), *product(of_robot, (owner for owner in fixed if owner in named))):
+    carried = {owner for owner, mine in members.items() if own[mine[0]].link in robot.movers.values()}
+    for a, b in combinations(members, 2):
         if a in carried and b in carried:
             continue
         key = frozenset((a, b))
-        reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
+        reason = reasons.get(key) or neighbours.reason(*([own[i] for i in members[owner]] for owner in (a, b)))
         if reason:
-            pairs.excluded.append(ExcludedPair((a, b), reason))
+            excluded.append(ExcludedPair((a, b), reason))
             continue
         level = levels.get(key, 0)
-        sides = [_on_level(bodies, members[owner], level) for owner in (a, b)]
-        pairs.checked.extend((min(i, j), max(i, j)) for i, j in product(*sides))
-        if any(bodies[i].level for side in sides for i in side):
+        sides = [_on_level(own, members[owner], level) for owner in (a, b)]
+        checked.extend((min(i, j), max(i, j)) for i, j in product(*sides))
+        if any(own[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
-            pairs.finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], reason))
-    for a, b in (*combinations(sorted(carried), 2), *product(sorted(carried), fixed)):
-        pairs.excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
-    pairs.checked.sort()
-    return pairs
+            finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], reason))
+    return Pairs(np.array(checked, dtype=np.int64).reshape(-1, 2), excluded, finer)
 
 
 def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) -> dict[frozenset[str], int]:
@@ -174,6 +256,8 @@ def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) ->
     # These are pairs that may touch, such as those that an SRDF disables, and pairs whose hulls touch in every
     # configuration, so that without finer bodies no configuration would be free.
     neighbours = _Neighbours(arm, bodies, rules)
+    if neighbours.known.levels:
+        return neighbours.known.levels[0]
     robot, first = arm.robot, {body.owner: body for body in reversed(bodies)}
     trusted = {frozenset(pair.links) for pair in robot.srdf.disabled if rules.trust_disabled}
     levels = {}
@@ -186,6 +270,7 @@ def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) ->
             overlap = rules.overlaps.of(a, b)
             if overlap.level and not overlap.always:
                 levels[frozenset((a, b))] = overlap.level
+    neighbours.known.levels.append(levels)
     return levels
 
 
@@ -212,16 +297,32 @@ class _Neighbours:
     """Finds links that touch by design: connected by one joint, or in contact in all sampled configurations."""
 
     def __init__(self, arm: JointGroup, bodies: Sequence[Body], rules: PairRules) -> None:
-        self._robot, self._rules = arm.robot, rules
-        self._model = arm.robot.model  # one copy for all pairs
-        self._solid = {body.link for body in bodies if body.link is not None and body.owner == body.link}
-        self._up = {joint.child: joint for joint in self._robot.urdf.joints.values()}
+        robot = arm.robot
+        self._robot, self._rules = robot, rules
+        self._solid = frozenset([body.link for body in bodies if body.owner == body.link])
         self._own = {*arm.joint_names, *arm.followers}
         self._above: dict[str, list[str]] = {}
-        self._disabled = {
+        self.has_sampled_objects = False  # whether a verdict depends on the shape of an attached object
+        key = arm.joint_names, arm.followers, rules.overlaps.settings, *rules[1:], self._solid
+        kept = _KNOWN.setdefault(robot, {})
+        if key not in kept:
+            kept[key] = _Known({}, {}, {}, [])
+        self.known = kept[key]
+
+    @cached_property
+    def _model(self) -> Any:
+        return self._robot.model  # one copy for all pairs
+
+    @cached_property
+    def _up(self) -> dict[str, UrdfJoint]:
+        return {joint.child: joint for joint in self._robot.urdf.joints.values()}
+
+    @cached_property
+    def _disabled(self) -> dict[frozenset[str], str]:
+        return {
             frozenset(pair.links): pair.reason
             for pair in self._robot.srdf.disabled
-            if pair.reason.lower() in TOUCHING and not rules.trust_disabled
+            if pair.reason.lower() in TOUCHING and not self._rules.trust_disabled
         }
 
     def reason(self, one: Sequence[Body], other: Sequence[Body]) -> str:
@@ -233,11 +334,18 @@ class _Neighbours:
         if a.owner == a.link and b.owner == b.link:
             overlap = overlaps.of(a.owner, b.owner)
         else:
+            self.has_sampled_objects = True
             overlap = overlaps.of_bodies([body for body in one if body.level == 0], [b for b in other if b.level == 0])
         return f"{claim}; {overlap}" if overlap.always else ""
 
     def claim(self, a: Body, b: Body) -> tuple[str, bool]:
         """Return why the owners of two bodies may touch (empty: they may not), and if sampling must confirm it."""
+        key = a.owner, a.link, b.owner, b.link
+        if key not in self.known.claims:
+            _keep(self.known.claims, key, self._claim(a, b), CLAIMS_KEPT)
+        return self.known.claims[key]
+
+    def _claim(self, a: Body, b: Body) -> tuple[str, bool]:
         if a.link is None or b.link is None or self._robot.part_of(a.link) != self._robot.part_of(b.link):
             return "", False  # robots of a cell do not touch by design, also where one joint or none is between them
         # From each link up to the common ancestor.
@@ -285,17 +393,17 @@ class _Neighbours:
         return self._above[link]
 
 
-Indices = npt.NDArray[np.int64]
-
 ROUNDING = 1e-9
 """Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
 3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
 
-Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
-"""Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
+Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...], float]]
+"""Cache of the bodies of obstacles and their largest extent (m), by identity of the obstacle (of which it keeps a
+reference) and its link."""
 
-ARMS_KEPT = 8
-"""Number of arms whose joints are kept; several checkers are often made for one arm."""
+ARMS_KEPT = 64
+"""Number of arms whose joints and links are kept; many checkers are often made for one arm, and few positions of its
+hand."""
 
 ROOT = -1
 """In place of a joint: the body does not move."""
@@ -307,23 +415,33 @@ LARGEST_SMALL_PART = 3.0
 """Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
-def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
-    """Return the joints of an arm's robot and the bodies on them, obstacles last, with the rounding (m)."""
-    tree, links = _joints(arm)
-    placed = []
-    for body in bodies:
-        joint, place = ROOT, body.link_from_body
-        if body.link is not None:
-            joint, above = links[body.link]
-            place = above * place
-        placed.append(PlacedBody(body.core_shape, joint, place.homogeneous))
-    robot = sum(body.link is not None for body in bodies)
-    return Geometry(tree, placed, robot, rounding)
+def pack_geometry(
+    arm: JointGroup, bodies: Sequence[Body], links: int, rounding: float, obstacles: Obstacles | None = None
+) -> Geometry:
+    """Return the joints of an arm's robot and the bodies on them, obstacles last, with the rounding (m).
+
+    The first ``links`` bodies, and their poses on the joints, are kept for each arm; ``obstacles`` are packed already.
+    """
+    tree, frames = _joints(arm)
+    robot = next((i for i, body in enumerate(bodies) if body.link is None), len(bodies))
+    placed = [*_on_joints(arm, tuple(bodies[:links])), *(_on_joint(frames, body) for body in bodies[links:robot])]
+    return Geometry(tree, placed, pack_obstacles(bodies[robot:]) if obstacles is None else obstacles, rounding)
 
 
-def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
-    """Return the world of these pairs of bodies, of which the first is the robot's, with margins of 0."""
-    return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
+def pack_obstacles(bodies: Iterable[Body]) -> Obstacles:
+    """Return the bodies of obstacles with a tree of boxes around them, for several geometries."""
+    return Obstacles([body.core_obstacle for body in bodies])
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _on_joints(arm: JointGroup, bodies: tuple[Body, ...]) -> tuple[PlacedBody, ...]:
+    frames = _joints(arm)[1]
+    return tuple(_on_joint(frames, body) for body in bodies)
+
+
+def _on_joint(frames: Mapping[str, tuple[int, pin.SE3]], body: Body) -> PlacedBody:
+    joint, above = frames[body.link or ""]
+    return PlacedBody(body.core_shape, joint, (above * body.link_from_body).homogeneous)
 
 
 @lru_cache(maxsize=ARMS_KEPT)
@@ -374,10 +492,9 @@ class CheckedBodies:
 
     _spec: CheckerSpec
     _geometry_model: Any = None
+    _pairs: Indices  # (P, 2)
     bodies: tuple[Body, ...]
     """Links, attached objects and obstacles."""
-    pairs: tuple[tuple[int, int], ...]
-    """The checked pairs, as indices of :attr:`bodies`."""
     margins: Array
     """(P,) the margin (m) of each pair."""
     world: World
@@ -393,6 +510,11 @@ class CheckedBodies:
     still_pairs: Indices
     """The pairs that no joint moves relative to each other."""
 
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """The checked pairs, as indices of :attr:`bodies`."""
+        return tuple([(i, j) for i, j in self._pairs.tolist()])
+
     @property
     def group(self) -> JointGroup:
         """The joints of q: an arm, or several; :meth:`with_held` returns a checker with other values of the others."""
@@ -405,8 +527,13 @@ class CheckedBodies:
 
     def owners(self, k: int) -> tuple[str, str]:
         """Return the owners of the two bodies of pair k."""
-        i, j = self.pairs[k]
+        i, j = self.indices_of(k)
         return self.bodies[i].owner, self.bodies[j].owner
+
+    def indices_of(self, k: int) -> tuple[int, int]:
+        """Return the indices of the two bodies of pair k, without all of :attr:`pairs`."""
+        i, j = self._pairs[k].tolist()
+        return i, j
 
     @property
     def geometry_model(self) -> Any:
@@ -439,38 +566,56 @@ class Assembly(NamedTuple):
     """The bodies of a checker (links, attached objects, obstacles) and its pairs."""
 
     bodies: tuple[Body, ...]
+    links: int  # the number of bodies of links
     pairs: Pairs
     rounding: float  # the allowance (m) for floating-point error
     geometry: Geometry  # bodies and joints in the compiled core
-    world: World  # the pairs there, without margins
+    obstacles: Obstacles  # the obstacles there, for derived checkers
+    scene: Scene  # that of the obstacles
     known: Known  # the cached bodies of the obstacles, for derived checkers
 
 
-def assemble(spec: CheckerSpec, links: Sequence[Body], rules: PairRules, levels: Levels, known: Known) -> Assembly:
-    """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`."""
+def assemble(
+    spec: CheckerSpec, links: Sequence[Body], rules: PairRules, levels: Levels, before: Assembly | None
+) -> Assembly:
+    """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`.
+
+    What is the same as in an assembly ``before`` is taken from it.
+    """
     arm, scene = spec.arm, spec.scene
     if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
         raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     # Bodies of obstacles are made once and kept, because derived checkers have the same obstacles.
     made: Known = {}
-    added: list[Body] = []
-    for link, obstacle in (*((arm.tcp_of(o.arm), o) for o in spec.attached), *((None, o) for o in scene.obstacles)):
-        before = known.get((id(obstacle), link))
-        if before is None or before[0] is not obstacle:
-            before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
-        made[id(obstacle), link] = before
-        added.extend(before[1])
-    bodies = (*links, *added)
+    bodies, extent = list(links), max((1.0, *(body.extent for body in links)))
+    obstacles: dict[str, range] = {}
+    for link, thing in (*((arm.tcp_of(o.arm), o) for o in spec.attached), *((None, o) for o in scene.obstacles)):
+        entry = None if before is None else before.known.get((id(thing), link))
+        if entry is None or entry[0] is not thing:
+            own = tuple(shape_bodies(thing.name, link, thing.shape, thing.pose))
+            entry = thing, own, max((body.extent for body in own), default=0.0)
+        made[id(thing), link] = entry
+        extent = max(extent, entry[2])
+        start = len(bodies)
+        bodies += entry[1]
+        if link is None and len(bodies) > start:
+            obstacles[thing.name] = range(start, len(bodies))
     # Names of bodies are unique, so that messages and margins are unambiguous.
-    seen: set[str] = set()
-    for body in bodies:
-        if body.name in seen or (body.owner != body.link and body.name in arm.robot.urdf.links):
-            raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
-        seen.add(body.name)
-    pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=spec.allowed)
-    rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
-    geometry = pack_geometry(arm, bodies, rounding)
-    return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
+    names = [body.name for body in bodies]
+    if len(set(names)) < len(names) or not set(arm.robot.urdf.links).isdisjoint(names[len(links) :]):
+        seen: set[str] = set()
+        for body in bodies:
+            if body.name in seen or (body.owner != body.link and body.name in arm.robot.urdf.links):
+                raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
+            seen.add(body.name)
+    first = len(links) + sum(len(made[id(thing), arm.tcp_of(thing.arm)][1]) for thing in spec.attached)
+    pairs = choose_pairs(bodies[:first], obstacles, arm, scene, rules, levels=levels, allowed=spec.allowed)
+    rounding = ROUNDING * extent
+    others = bodies[first:]
+    same = before is not None and before.scene is scene
+    packed = before.obstacles if before is not None and same else pack_obstacles(others)
+    geometry = pack_geometry(arm, bodies, len(links), rounding, packed)
+    return Assembly(tuple(bodies), len(links), pairs, rounding, geometry, packed, scene, made)
 
 
 def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
@@ -478,9 +623,11 @@ def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
     shapes = {obstacle.name: obstacle.shape for obstacle in spec.scene.obstacles}
     warned: set[str] = set()
     far = FAR * spec.arm.robot.size
-    for body in bodies:
+    boxes = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
+    large = (boxes[:, 1] - boxes[:, 0]).max(axis=1) > min(LARGEST_MESH, far)
+    for body in (bodies[i] for i in np.flatnonzero(large).tolist()):
         sides = (body.box[1] - body.box[0]).tolist()
-        if body.owner in warned or max(sides) <= min(LARGEST_MESH, far):
+        if body.owner in warned:
             continue
         # How large a body may be depends on its kind: meshes are often in millimetres.
         name, most = f"size of obstacle {body.owner!r}", MOST_REACH
@@ -493,29 +640,35 @@ def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
         warn_of_millimetres(name, sides, most=most, stacklevel=4)
 
 
+def numbered_owners(bodies: Sequence[Body]) -> tuple[dict[str, int], Indices]:
+    """Return the owners of bodies with their numbers, in order, and (B,) the number of the owner of each body."""
+    owners = [body.owner for body in bodies]
+    numbers = {owner: i for i, owner in enumerate(dict.fromkeys(owners))}
+    return numbers, np.array([numbers[owner] for owner in owners], dtype=np.int64)
+
+
 def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
     """Return the same bodies with more pairs of owners excluded; None if :func:`assemble` is needed, for a wildcard."""
     # Wildcards and links without geometry need all of the rules.
-    order = {owner: i for i, owner in enumerate(dict.fromkeys(body.owner for body in assembly.bodies))}
+    order, owners = numbered_owners(assembly.bodies)
     if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
         return None
     moving = {body.owner for body in assembly.bodies if body.link is not None}
     named = {frozenset(pair) for pair in allowed if moving & set(pair)}
-    owners = [body.owner for body in assembly.bodies]
-    kept = [k for k, (i, j) in enumerate(assembly.pairs.checked) if frozenset((owners[i], owners[j])) not in named]
-    excluded = [pair for pair in assembly.pairs.excluded if frozenset(pair.owners) not in named]
+    checked, excluded = owners[assembly.pairs.checked], list(assembly.pairs.excluded)
+    kept = np.ones(len(checked), dtype=bool)
+    excluded = [pair for pair in excluded if frozenset(pair.owners) not in named]
     for pair in named:
         first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
         excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
+        kept &= ~is_pair(checked, order[first], order[second])
     # The order of the exclusions is that of choose_pairs.
     excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
     finer = [pair for pair in assembly.pairs.finer if frozenset(pair.owners) not in named]
-    fewer = keep_pairs(assembly, np.array(kept, dtype=int))
-    return fewer._replace(pairs=Pairs(fewer.pairs.checked, excluded, finer))
+    return assembly._replace(pairs=Pairs(assembly.pairs.checked[kept], excluded, finer))
 
 
-def keep_pairs(assembly: Assembly, kept: Indices) -> Assembly:
-    """Return the same bodies with only the pairs of these indices, in increasing order."""
-    checked = [assembly.pairs.checked[k] for k in kept.tolist()]
-    pairs = assembly.pairs._replace(checked=checked)
-    return assembly._replace(pairs=pairs, world=pack_world(assembly.geometry, checked))
+def is_pair(owners: Indices, one: int, other: int) -> npt.NDArray[np.bool_]:
+    """Return (P,) which of the pairs (P, 2) of the numbers of owners are of these two, in either order."""
+    first, second = owners.T
+    return ((first == one) & (second == other)) | ((first == other) & (second == one))

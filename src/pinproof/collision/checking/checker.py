@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import FREE, NOT_FINITE
+from pinproof._core import FREE, NOT_FINITE, Geometry, World
 from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
-    Known,
     PairRules,
     Pairs,
     assemble,
-    keep_pairs,
+    is_pair,
     leave_out,
+    numbered_owners,
     overlap_levels,
     pack_geometry,
-    pack_world,
+    pack_obstacles,
     unexplained_pairs,
     warn_of_units,
 )
@@ -212,12 +212,11 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
             **spec.finer,
         }
-        self._known: Known = {}  # obstacle bodies by identity of the obstacle
-        self._assemble()
+        self._assemble(None)
         warn_of_units(spec, self.bodies)
         # Robots of a cell may overlap with links that no joint moves, such as their bases.
         for k, measured in self._fixed.touching if arm.robot.parts else ():
-            one, other = (self.bodies[i].link for i in self.pairs[k])
+            one, other = (self.bodies[i].link for i in self.indices_of(k))
             if one is not None and other is not None and arm.robot.part_of(one) != arm.robot.part_of(other):
                 raise InputError(
                     f"the robots of the cell overlap: {self._contact(k, measured)}. Place them farther apart, or pass "
@@ -225,9 +224,9 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
                 )
 
     def _view(self) -> View:
-        counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
+        counts = f"{len(self.bodies)} bodies, {len(self._pairs)} checked pairs, {len(self.excluded)} excluded pairs"
         attached = "".join(f", {body.name} attached" for body in self.attached)
-        owners = Counter(owner for k in range(len(self.pairs)) for owner in self.owners(k))
+        owners = Counter(owner for k in range(len(self._pairs)) for owner in self.owners(k))
         excluded = ((" and ".join(pair.owners), pair.reason) for pair in self.excluded)
         parts = [Rows(("body", "checked pairs"), owners.items()), Rows(("excluded pair", "reason"), excluded)]
         head = f"{self.group.robot.name!r}, {counts}, margin {self.margin * 1e3:g} mm{attached}"
@@ -311,8 +310,9 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         dropped = frozenset(pairs)
         if dropped in self._kept:
             return self._kept[dropped]
-        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
-        return self._keep(dropped, self._with_assembly(keep_pairs(self._assembly, kept)))
+        left = np.ones(len(self._pairs), dtype=bool)
+        left[[k for k in dropped if 0 <= k < len(left)]] = False
+        return self._keep(dropped, self._with_pairs(self._pairs[left]))
 
     def _with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
         """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
@@ -320,10 +320,12 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
         made, every = self._assembly, (*self.bodies, *bodies)
-        checked = sorted({*self.pairs, *pairs})
-        geometry = pack_geometry(self.group, every, self.rounding)
-        made = made._replace(bodies=every, pairs=made.pairs._replace(checked=checked), geometry=geometry)
-        return self._with_assembly(made._replace(world=pack_world(geometry, checked)))
+        others = pack_obstacles(body for body in every if body.link is None)
+        geometry = pack_geometry(self.group, every, made.links, self.rounding, others)
+        checked = np.unique(np.concatenate([self._pairs, np.array(list(pairs), dtype=np.int64).reshape(-1, 2)]), axis=0)
+        other = copy(self)
+        other._take(made._replace(bodies=every, geometry=geometry, pairs=made.pairs._replace(checked=checked)))
+        return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.
@@ -399,13 +401,13 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             other._levels = {**self._levels, **spec.finer}
         bodies = ("arm", "scene", "attached", "link_meshes", "finer")
         if assemble or any(getattr(spec, name) is not getattr(before, name) for name in bodies):
-            other._assemble()
+            other._assemble(self._assembly)
         elif spec.allowed is before.allowed:
             other._set_margins()
         elif made := leave_out(self._assembly, spec.allowed[len(before.allowed) :]):
             other._take(made)
         else:
-            other._assemble()
+            other._assemble(self._assembly)
         return other if key is None else self._keep(key, other)
 
     def _keep(self, key: Hashable, other: CollisionChecker) -> CollisionChecker:
@@ -414,10 +416,10 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         self._kept = {**dict(latest), key: other}  # replaced as a whole, because threads share this checker
         return other
 
-    def _with_assembly(self, made: Assembly) -> CollisionChecker:
-        """Return a copy with other bodies or pairs, which the specification does not contain."""
-        other = copy(self)
-        other._take(made)
+    def _with_pairs(self, checked: npt.NDArray[np.int64]) -> CollisionChecker:
+        """Return a copy with fewer pairs, which the specification does not state."""
+        other, made = copy(self), self._assembly
+        other._take(made._replace(pairs=made.pairs._replace(checked=checked)))
         return other
 
     # -- properties ------------------------------------------------------------------------------------------
@@ -449,8 +451,11 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
 
     def pairs_of_owners(self, one: str, other: str) -> list[int]:
         """Return the indices of the checked pairs of the bodies of two owners."""
-        a, b = ({i for i, body in enumerate(self.bodies) if body.owner == name} for name in (one, other))
-        return [k for k, (i, j) in enumerate(self.pairs) if (i in a and j in b) or (i in b and j in a)]
+        numbers, owners = numbered_owners(self.bodies)
+        if one not in numbers or other not in numbers:
+            return []
+        found: list[int] = np.flatnonzero(is_pair(owners[self._pairs], numbers[one], numbers[other])).tolist()
+        return found
 
     def pairs_in_contact(self, q: Array) -> list[int]:
         """Return the indices of the pairs in contact at q (n,)."""
@@ -519,40 +524,43 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
 
     # -- assembly -----------------------------------------------------------------------------------------------
 
-    def _assemble(self) -> None:
-        """Assemble bodies and pairs of the specification."""
+    def _assemble(self, before: Assembly | None) -> None:
+        """Assemble bodies and pairs of the specification, with what it has in common with an assembly ``before``."""
         links = self._link_bodies.of(self._levels)
-        self._take(assemble(self._spec, links, self._rules, self._levels, self._known))
+        self._take(assemble(self._spec, links, self._rules, self._levels, before))
 
     def _take(self, made: Assembly) -> None:
-        still, convex = made.world.still, made.world.convex
-        for array in (still, convex):
-            array.setflags(write=False)
         checked, excluded, finer = made.pairs
-        self.__dict__.update(bodies=made.bodies, pairs=tuple(checked), excluded=tuple(excluded), finer=tuple(finer))
-        self.__dict__.update(rounding=made.rounding, world=made.world, still_pairs=still, convex=convex)
-        self._geometry = made.geometry
-        self._known, self._geometry_model = made.known, None
-        self._exact = tuple(body for body in made.bodies if body.is_exact)
-        self._set_margins()
+        checked.setflags(write=False)
+        self.__dict__.pop("pairs", None)
+        self.__dict__.update(bodies=made.bodies, excluded=tuple(excluded), finer=tuple(finer), rounding=made.rounding)
+        self._assembly, self._pairs, self._geometry_model = made, checked, None
+        self._exact = tuple([body for body in made.bodies if body.support is None and body.is_exact])
+        self._set_margins(made.geometry)
 
-    @property
-    def _assembly(self) -> Assembly:
-        pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
-        return Assembly(self.bodies, pairs, self.rounding, self._geometry, self.world, self._known)
-
-    def _set_margins(self) -> None:
-        """Set the margins of all pairs."""
-        spec, names = self._spec, self.obstacles_and_links
-        for name in sorted({name for pair in spec.margins for name in pair}.difference(names)):
-            raise UnknownNameError("body", name, names, "margins")
-        margins = np.full(len(self.pairs), spec.margin, dtype=float)
-        for k in range(len(self.pairs)) if spec.margins else ():
-            margins[k] = spec.margins.get(frozenset(self.owners(k)), spec.margin)
-        if self._spec.obstacle_tolerance:
-            margins += self._spec.obstacle_tolerance * np.array([self.bodies[j].link is None for _, j in self.pairs])
+    def _set_margins(self, geometry: Geometry | None = None) -> None:
+        """Set the margins of all pairs; with a geometry, make the world of the pairs in it."""
+        spec, pairs = self._spec, self._pairs
+        margins = np.full(len(pairs), spec.margin, dtype=float)
+        if spec.margins:
+            numbers, owners = numbered_owners(self.bodies)
+            for name in sorted({name for pair in spec.margins for name in pair}.difference(numbers)):
+                raise UnknownNameError("body", name, tuple(numbers), "margins")
+            for (one, other), margin in spec.margins.items():
+                margins[is_pair(owners[pairs], numbers[one], numbers[other])] = margin
+        if spec.obstacle_tolerance:
+            obstacle = np.array([body.link is None for body in self.bodies], dtype=bool)
+            margins += spec.obstacle_tolerance * obstacle[pairs[:, 1]]
         margins.setflags(write=False)
-        self.__dict__.update(margins=margins, world=self.world.with_margins(margins))
+        if geometry is None:
+            world = self.world.with_margins(margins)
+        else:
+            world = World(geometry, pairs, margins)
+            still, convex = world.still, world.convex
+            for array in (still, convex):
+                array.setflags(write=False)
+            self.__dict__.update(still_pairs=still, convex=convex)
+        self.__dict__.update(margins=margins, world=world)
         self._forget()
 
     def _forget(self) -> None:
@@ -588,15 +596,18 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known", "_geometry", "world", "_fixed", "_kept")
-        return {name: value for name, value in self.__dict__.items() if name not in left_out}
+        left_out = ("_threads", "_assembly", "world", "_fixed", "_kept", "pairs")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out} | {
+            "_links": self._assembly.links
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        links = state.pop("_links")
         self.__dict__.update(state)
-        self._known = {}
-        self._forget()
-        self._geometry = pack_geometry(self.group, self.bodies, self.rounding)
-        self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)
+        obstacles = pack_obstacles(body for body in self.bodies if body.link is None)
+        geometry = pack_geometry(self.group, self.bodies, links, self.rounding, obstacles)
+        pairs = Pairs(self._pairs, self.excluded, self.finer)
+        self._take(Assembly(self.bodies, links, pairs, self.rounding, geometry, obstacles, self.scene, {}))
 
 
 def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:

@@ -9,7 +9,7 @@ triangles, the pair is checked with several hulls each, or with the triangles, i
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -168,9 +168,10 @@ class LinkBodies:
                 bodies += (level and self._more_finely(geometry, level)) or requested
         return tuple(bodies)
 
-    def meshes_of(self, link: str) -> LinkMeshes:
-        """Return the representation of a link's meshes."""
-        return self._meshes[link]
+    @property
+    def meshes(self) -> Mapping[str, LinkMeshes]:
+        """The representation of the meshes of each link."""
+        return self._meshes
 
     def can_be_finer(self, owner: str, level: int = EXACT) -> bool:
         """Whether it is a link with a mesh whose requested representation is coarser than that of a level."""
@@ -292,7 +293,7 @@ class Overlaps:
         pair = frozenset((a, b))
         if pair not in self._verdicts:
             known = _samples_of(self._robot).overlaps
-            key = pair, self._count, self._most, *sorted((link, self._links.meshes_of(link)) for link in pair)
+            key = pair, self._count, self._most, *sorted((link, self._links.meshes[link]) for link in pair)
             if key not in known:
                 known[key] = self._measured(a, b)
             self._verdicts[pair] = known[key]
@@ -301,6 +302,11 @@ class Overlaps:
     def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
         """Return how often any of these bodies touch, each of which moves with a link; not cached."""
         return self._confirmed(a, b, self._touching(a, b), AS_REQUESTED)
+
+    @property
+    def settings(self) -> Hashable:
+        """What the verdicts for a robot depend on: the numbers of samples, and the representation of its meshes."""
+        return self._count, self._most, tuple(self._links.meshes.items())
 
     def always_touch(self, a: str, b: str) -> bool:
         """Whether two links touch in every sample as requested; most pairs are decided by the first sample."""

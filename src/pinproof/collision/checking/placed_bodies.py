@@ -119,7 +119,7 @@ class PlacedBodies:
         if lower > 0:
             return Distance(lower, lower, upper, points, normal)
         # Bodies that the core does not prove apart are measured by coal, which knows depths.
-        i, j = self._checker.pairs[k]
+        i, j = self._checker.indices_of(k)
         bodies, place = self._checker.bodies, self.root_from_body
         if self._coal is None:
             self._coal = MeasureByCoal()

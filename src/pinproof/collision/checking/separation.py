@@ -198,7 +198,7 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
     Each is opposite to the direction along which body and facet are farthest apart, or overlap least. Empty for a mesh
     that is farther away, and for an obstacle without facets.
     """
-    a, b = checker.pairs[pair]
+    a, b = checker.indices_of(pair)
     body, at = checker.bodies[b], matrix(checker.bodies[b].link_from_body)
     if body.support is not None or body.link is not None or isinstance(body.geometry, coal.Halfspace):
         return np.empty((0, 3))

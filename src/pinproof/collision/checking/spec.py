@@ -39,8 +39,8 @@ Levels = Mapping[Pair, int]
 FILES_KEPT = 1024
 """Number of cached hashes of mesh files; an entry is valid while time and size of the file are unchanged."""
 
-ARMS_KEPT = 8
-"""Number of cached hashes of arms: a task has one for each position of the fingers."""
+ARMS_KEPT = 64
+"""Number of cached arms and of their hashes: a task has one for each position of the fingers."""
 
 
 Own = TypeVar("Own", bound="Changeable")
@@ -114,7 +114,10 @@ class Changeable(metaclass=ABCMeta):
 
     def with_held(self: Own, held: Mapping[str, float]) -> Own:
         """Return the same with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
-        arm = self.spec.arm.with_held(held)
+        try:
+            arm = _holding(self.spec.arm, tuple(held.items()))
+        except (AttributeError, TypeError):  # not a mapping, or of numbers without a hash
+            arm = self.spec.arm.with_held(held)
         return self if arm is self.spec.arm else self._changed(arm=arm)
 
     def allowing(self: Own, *pairs: Sequence[str]) -> Own:
@@ -193,6 +196,11 @@ class CheckerSpec(Changeable):
         for mover in movers:
             digest.update(mover.identity().encode())
         return digest.hexdigest()
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _holding(arm: JointGroup, held: tuple[tuple[str, float], ...]) -> JointGroup:
+    return arm.with_held(dict(held))
 
 
 def checked_margin(name: str, margin: float) -> float:

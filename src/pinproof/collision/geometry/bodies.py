@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Body as CoreBody
 from pinproof._core import Shape as CoreShape
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import Inside, Solid, Surface, bvh, convex_hull, core_mesh, hull_of_any
@@ -60,6 +61,12 @@ DEEP = 0.5 * MOST_EXCESS
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 """Corners of a box with half sides of 1."""
+
+ENDS = np.array([[-1.0] * 3, [1.0] * 3])
+"""Its lowest and its highest corner."""
+
+NO_DISCS, NO_AXES = np.zeros(8), np.zeros(3)
+"""The discs at the corners of a box, and the ellipsoid added to it; boxes share these arrays, which are read-only."""
 
 
 class FileStamp(NamedTuple):
@@ -173,14 +180,18 @@ class Body:
         """The shape as the compiled core uses it."""
         if self.support is not None:
             s = self.support
-            points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
-            return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
+            return CoreShape.convex(s.points, s.disc_radii, s.radius, s.semi_axes, self.box)
         if self.solid is None:
             return CoreShape.half_space(self.box)
         return self.solid.core_shape if isinstance(self.solid, Solid | Surface) else core_mesh(self.solid)
 
+    @cached_property
+    def core_obstacle(self) -> CoreBody:
+        """The body of an obstacle as the compiled core uses it."""
+        return CoreBody(self.core_shape, -1, matrix(self.link_from_body))
+
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("core_shape", "core_obstacle")}
 
     @property
     def witnesses(self) -> Array:
@@ -230,8 +241,9 @@ class Body:
     @cached_property
     def extent(self) -> float:
         """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
-        sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]
-        return max(sides, default=0.0) + math.dist((0, 0, 0), self.link_from_body.translation)
+        low, high = self.box.tolist()
+        sides = [abs(x) for x in (*low, *high) if x - x == 0.0]  # the finite ones
+        return max(sides, default=0.0) + math.dist((0.0, 0.0, 0.0), matrix(self.link_from_body)[:3, 3].tolist())
 
 
 def one_inside_other(one: Body, at: pin.SE3, other: Body, other_at: pin.SE3) -> bool:
@@ -328,6 +340,11 @@ def _made(shape: Shape, owner: str, link: str | None) -> Made:
         known = ", ".join(kind.__name__ for kind in GEOMETRIES)
         raise InputError(f"{owner!r} has the unknown shape {type(shape).__name__}; known are {known}")
     return make(shape)
+
+
+def _box(x: float, y: float, z: float) -> Made:
+    half = np.array((x, y, z)) / 2
+    return coal.Box(x, y, z), ENDS * half, Support(CORNERS * half, 0.0, NO_DISCS, NO_AXES), None
 
 
 def _convex(
@@ -442,9 +459,7 @@ def _box_around(points: Array) -> Array:
 
 
 GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
-    Box: lambda s: _convex(
-        coal.Box(s.x, s.y, s.z), (s.x / 2, s.y / 2, s.z / 2), CORNERS * (np.array([s.x, s.y, s.z]) / 2)
-    ),
+    Box: lambda s: _box(s.x, s.y, s.z),
     Sphere: lambda s: _convex(coal.Sphere(s.radius), (s.radius,) * 3, np.zeros((1, 3)), s.radius),
     Cylinder: lambda s: _convex(
         coal.Cylinder(s.radius, s.length), (s.radius, s.radius, s.length / 2), _ends(s), discs=np.full(2, s.radius)

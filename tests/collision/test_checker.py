@@ -126,6 +126,29 @@ def test_distances_agree_with_the_oracle(request, oracle, name):
                 assert ours.proven <= distance + 1e-9
 
 
+@pytest.mark.parametrize("count", [1, 4, 7, 31, 32, 33])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_few_obstacles_in_a_row_and_many_in_a_tree_give_equal_answers(request, name, count):
+    arm = request.getfixturevalue(name)
+    rng = np.random.default_rng(count)
+    shapes = [pp.Box(*rng.uniform(0.02, 0.5, 3)) if k % 3 else pp.Sphere(radius=0.1) for k in range(count)]
+    places = [pp.pose(rng.uniform([-0.9, -0.9, 0.0], [0.9, 0.9, 1.2]), rpy=rng.uniform(-3, 3, 3)) for _ in shapes]
+    near = [pp.Obstacle(f"near_{k}", *both) for k, both in enumerate(zip(shapes, places, strict=True))]
+    far = [pp.Obstacle(f"far_{k}", pp.Box(0.1, 0.1, 0.1), pp.pose((50 + k, 0, 0))) for k in range(40)]
+    few, many = (pp.CollisionChecker(arm, pp.Scene(each), margin=0.003) for each in (near, near + far))
+    lower, upper = arm.limits.sampling_range()
+    q = rng.uniform(lower, upper, (200, arm.dof))
+    free = few.is_free_batch(q)
+    assert 0 < free.sum() or count > 4
+    assert free.sum() < len(q)
+    assert free.tolist() == many.is_free_batch(q).tolist() == [few.is_free(each) for each in q]
+    for each, is_free in zip(q[:40], free, strict=False):
+        # the other questions begin each pair elsewhere, and agree
+        assert [contact.bodies for contact in few.check(each).contacts] == [c.bodies for c in many.check(each).contacts]
+        assert bool(few.check(each).contacts) != is_free
+        assert few.clearance(each) == many.clearance(each)
+
+
 def test_threads_get_equal_answers(ur5):
     checker = pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.2), pp.pose((0.5, 0, 0.4)))]))
     many = random_q(ur5, 400)

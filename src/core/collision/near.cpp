@@ -25,6 +25,49 @@ Workspace::Workspace(std::shared_ptr<const World> world)
     : world_(std::move(world)), joints_(world_->space().tree.joints.size()), bodies_(world_->space().at_rest) {
     contacts_.reserve(world_->pairs.size());
     likely_.fill(-1);
+    for (const Body& body : world_->space().bodies) balls_.push_back(body.shape->ball);
+    std::vector<const ObstacleNode*> leaves;
+    for (const ObstacleNode& node : world_->space().obstacles)
+        if (node.body >= 0) leaves.push_back(&node);
+    if (leaves.size() > kMostInRow) return;
+    for (std::size_t i = 0; i < leaves.size(); ++i) {
+        const int lane = static_cast<int>(i % kLanes);
+        if (lane == 0) four_.emplace_back().bodies.fill(-1);
+        four_.back().low.set(lane, leaves[i]->low);
+        four_.back().high.set(lane, leaves[i]->high);
+        four_.back().bodies[lane] = leaves[i]->body;
+    }
+}
+
+// Pass the obstacles, with lower bounds (m) of their distance from a body, to `visit(gap, obstacle)`, until it returns
+// true; `visit(gap, -1)` states whether nothing within a node of the tree at that distance is to be visited.
+template <class Visit>
+bool Workspace::visit_obstacles(int body, Visit visit) const {
+    const Vec3 centre = bodies_[body].centre;
+    const double ball = balls_[body];
+    for (const FourBoxes& boxes : four_) {
+        Lanes total = {};
+        const auto add = [&](double x, Lanes low, Lanes high) {
+            const Lanes out = lanes_max(lanes_max(low - x, x - high), Lanes{});
+            total += out * out;
+        };
+        add(centre.x, boxes.low.x, boxes.high.x);
+        add(centre.y, boxes.low.y, boxes.high.y);
+        add(centre.z, boxes.low.z, boxes.high.z);
+        const Lanes gap = lanes_sqrt(total) - ball;
+        for (int lane = 0; lane < kLanes && boxes.bodies[lane] >= 0; ++lane)
+            if (!visit(gap[lane], -1) && visit(gap[lane], boxes.bodies[lane])) return true;
+    }
+    if (!four_.empty()) return false;
+    const std::vector<ObstacleNode>& nodes = world_->space().obstacles;
+    for (int row = 0; row < static_cast<int>(nodes.size());) {
+        const ObstacleNode& node = nodes[row];
+        const double gap = ball_to_node(centre, ball, node);
+        const bool beyond = visit(gap, -1);
+        row = beyond ? node.skip : row + 1;
+        if (!beyond && node.body >= 0 && visit(gap, node.body)) return true;
+    }
+    return false;
 }
 
 namespace {
@@ -71,6 +114,9 @@ bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& quest
     if (!a_from_b) a_from_b = relative(bodies_[pair.a].root_from_body, bodies_[pair.b].root_from_body);
     Separation separation;
     separation.direction = pair.first_direction;
+    if (Question::kStopsAtContact && !(squared_norm(separation.direction) > 0.0))
+        separation.direction = transposed_times(bodies_[pair.a].root_from_body.rotation,
+                                                bodies_[pair.b].centre - bodies_[pair.a].centre);
     const double limit = question.limit(pair, world_->space().rounding);
     const DistanceBounds bounds = bound_distance(world_->shape(pair.a), world_->shape(pair.b), *a_from_b,
                                                  {.above = limit, .below = question.below(pair)}, separation);
@@ -86,6 +132,9 @@ bool Workspace::ask(Question& question) {
     contacts_.clear();
     std::optional<Transform> a_from_b;
     const auto decided = [&](int a, int b, double limit) {
+        // Most pairs are decided by their balls, without a root.
+        const double reach = balls_[a] + balls_[b] + limit;
+        if (squared_norm(bodies_[b].centre - bodies_[a].centre) > reach * reach) return true;
         a_from_b.reset();
         return separation_of_bounds(bodies_[a], space.shape(a), bodies_[b], space.shape(b), limit, a_from_b) > limit;
     };
@@ -102,24 +151,15 @@ bool Workspace::ask(Question& question) {
     }
     if (world.uses_obstacles) {
         for (int body : world.around) {
-            const Vec3 centre = bodies_[body].centre;
-            const double ball = space.shape(body).ball;
-            for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
-                const ObstacleNode& node = space.obstacles[row];
+            const bool answered = visit_obstacles(body, [&](double gap, int obstacle) {
                 const double limit = question.limit_around(world);
-                if (ball_to_node(centre, ball, node) > limit) {
-                    row = node.skip;
-                    continue;
-                }
-                ++row;
-                if (node.body < 0) continue;
-                const int k = world.pair_with_obstacle(body, node.body);
-                if (k < 0 || decided(body, node.body, limit)) continue;
-                if (judge(k, a_from_b, question)) {
-                    likely_[kLikely - 1] = k;
-                    return true;
-                }
-            }
+                if (obstacle < 0) return gap > limit;
+                const int k = world.pair_with_obstacle(body, obstacle);
+                if (k < 0 || decided(body, obstacle, limit) || !judge(k, a_from_b, question)) return false;
+                likely_[kLikely - 1] = k;
+                return true;
+            });
+            if (answered) return true;
         }
     }
     for (int k : world.own) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "collision/world.h"
+#include "geometry/lanes.h"
 
 namespace pinproof {
 
@@ -81,7 +82,19 @@ private:
     // do not depend on the order.
     static constexpr std::size_t kLikely = 8;
 
+    // The boxes of four obstacles. A processor core compares a body with four boxes as fast as with one node of the
+    // tree, whose branches it cannot predict, so that few obstacles are compared one after the other.
+    struct FourBoxes {
+        LaneVec3 low, high;
+        std::array<int, kLanes> bodies;
+    };
+    static constexpr std::size_t kMostInRow = 32;
+    template <class Visit>
+    bool visit_obstacles(int body, Visit visit) const;
+
     std::shared_ptr<const World> world_;
+    std::vector<double> balls_;    // of the bodies
+    std::vector<FourBoxes> four_;  // in the order of the tree; empty for more than kMostInRow obstacles
     std::vector<Transform> joints_;
     std::vector<PlacedBody> bodies_;
     std::vector<int> contacts_;

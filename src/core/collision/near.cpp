@@ -114,6 +114,8 @@ bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& quest
     if (!a_from_b) a_from_b = relative(bodies_[pair.a].root_from_body, bodies_[pair.b].root_from_body);
     Separation separation;
     separation.direction = pair.first_direction;
+    // The search begins between the boxes, because the frames of bodies may be far from them. Where distances are
+    // returned, it begins as those of certificates do.
     if (Question::kStopsAtContact && !(squared_norm(separation.direction) > 0.0))
         separation.direction = transposed_times(bodies_[pair.a].root_from_body.rotation,
                                                 bodies_[pair.b].centre - bodies_[pair.a].centre);

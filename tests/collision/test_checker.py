@@ -139,7 +139,7 @@ def test_few_obstacles_in_a_row_and_many_in_a_tree_give_equal_answers(request, n
     lower, upper = arm.limits.sampling_range()
     q = rng.uniform(lower, upper, (200, arm.dof))
     free = few.is_free_batch(q)
-    assert 0 < free.sum() or count > 4
+    assert free.any() or count > 4
     assert free.sum() < len(q)
     assert free.tolist() == many.is_free_batch(q).tolist() == [few.is_free(each) for each in q]
     for each, is_free in zip(q[:40], free, strict=False):

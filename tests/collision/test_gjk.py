@@ -48,7 +48,9 @@ def workspace(shapes, at, direction=None, margin=0.0):
         _core.Body(core_shape(*shapes[0]), 0, placed((0, 0, 0), turn.T)),
         _core.Body(core_shape(*shapes[1]), -1, placed(at[:3, 3] + travel, at[:3, :3])),
     ]
-    geometry = _core.Geometry(_core.JointTree([joint], 1), bodies, 2 if begins else 1, 1e-12)
+    count = 2 if begins else 1
+    obstacles = _core.Obstacles(bodies[count:])
+    geometry = _core.Geometry(_core.JointTree([joint], 1), bodies[:count], obstacles, 1e-12)
     space = _core.Workspace(_core.World(geometry, np.array([[0, 1]]), np.array([margin])))
     space.place(np.array([9.0 * begins]))
     return space, travel

@@ -102,7 +102,7 @@ def test_without_any_compiler_one_line_states_what_to_install(build: Path) -> No
 # The exit status of scripts/test: 0 only if the tests, the lint, the format check and the type check pass.
 
 
-# Stands for the Python of the environment: each tool it is asked to run ends with the status given for that tool.
+# Replaces the Python of the environment: each tool it is asked to run ends with the status given for that tool.
 PYTHON = """#!/usr/bin/env bash
 case "$2" in
     pytest) sleep 0.2; exit "${PYTEST:-0}" ;;

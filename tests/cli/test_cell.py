@@ -87,11 +87,11 @@ def test_a_new_placement_is_compared_with_the_previous_one(run: Cli) -> None:
     assert "won" in run.prints(*there, "-o", "c.csv", "-o", "c.html")
     assert Path("c.csv").read_text().startswith("x,y,z,before,after,won,lost")
     assert "gained minus lost" in Path("c.html").read_text()
-    before, stands = ReachMap.load("here.npz"), pp.pose((-0.2, 0.0, 0.0), (0.0, 0.0, 0.3))
+    before, placement = ReachMap.load("here.npz"), pp.pose((-0.2, 0.0, 0.0), (0.0, 0.0, 0.3))
     world = pp.Scene.load(GENERIC / "scene.yaml")
-    seen = [pp.Obstacle(each.name, each.shape, stands.actInv(each.pose)) for each in world.obstacles]
+    seen = [pp.Obstacle(each.name, each.shape, placement.actInv(each.pose)) for each in world.obstacles]
     checker = pp.CollisionChecker(pp.load_robot("generic_6dof").arm(), pp.Scene(seen, allowed=world.allowed))
-    after = pp.reach_map(checker, before.region, before.orientations, world_from_root=stands)
+    after = pp.reach_map(checker, before.region, before.orientations, world_from_root=placement)
     found = run.json(*there)
     assert found["won"] == (after.free & ~before.free).sum()
     assert found["lost"] == (before.free & ~after.free).sum()

@@ -316,7 +316,7 @@ def test_it_is_the_same_as_one_that_was_made_so(cell, pairs) -> None:
     derived = started.allowing(*pairs)
     made = pp.CollisionChecker(arm, scene, margin=0.002, attached=[PICKER], allowed=[*before, *pairs])
     same(derived, made, arm)
-    # and what is derived from it goes on from there
+    # Checkers that are derived from these two are the same, too.
     again, direct = (each.with_scene(scene.remove("bolt_2")) for each in (derived, made))
     same(again, direct, arm)
 

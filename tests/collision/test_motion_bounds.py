@@ -51,9 +51,9 @@ def test_no_pair_comes_nearer_than_its_bounds_allow(request, oracle, name, strai
         start = rng.uniform(-size, size, arm.dof)
         bent = np.array([q + start, q - (start + delta) / 2, q + delta])  # a parabola whose middle is q
         bounds = Bounds(checker, q, delta, extra, None if straight else bent)
-        said = [bounds.roughly(k) for k in range(len(checker.pairs))]
+        roughly = [bounds.roughly(k) for k in range(len(checker.pairs))]
         before, more = np.maximum(independent.distances(q), 0), float(rng.choice([0.0, 0.01, 0.2]))
-        allowed = np.array([bound.distance + more * bound.growth for bound in said])
+        allowed = np.array([bound.distance + more * bound.growth for bound in roughly])
         reach = np.abs(bounds.piece - q).max(axis=0) + extra + more
         for corner in rng.choice([-1.0, 1.0], size=(8, arm.dof)):
             assert (before - np.maximum(independent.distances(q + corner * reach), 0) <= allowed + 1e-9).all()
@@ -69,7 +69,7 @@ def test_no_pair_comes_nearer_than_its_bounds_allow(request, oracle, name, strai
             for split in range(len(checker.world.joints_between(k)) + 1):
                 near, growth = bounds.closely(k, measured.normal, split)
                 assert least >= measured.proven - near - more * growth - 1e-9
-            rough = said[k].distance
+            rough = roughly[k].distance
             if not extra.any() and rough > 0:
                 tight.append(bounds.closely(k, measured.normal)[0] / rough)
     if name != "planar_2r" and straight:

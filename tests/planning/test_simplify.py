@@ -124,7 +124,7 @@ def test_roundings_are_twice_differentiable_and_shorter():
 
 
 def test_a_body_in_the_corner_shrinks_the_rounding():
-    # The ball (5 cm) turns round a post that stands a little inside its corner.
+    # The ball (5 cm) moves around a post that is a little inside its corner.
     post = pp.Obstacle("post", pp.Sphere(0.02), pp.pose((-0.09, 0.09, 0)))
     path, empty, checker = on_plane((-0.9, 0), (0, 0), (0, 0.9), obstacle=post)
     assert pp.certify(path, checker).free

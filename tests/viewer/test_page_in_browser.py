@@ -186,7 +186,7 @@ def test_a_page_with_a_contact_opens_at_the_contact_which_is_marked_where_it_is(
     (mark,) = marks_of(contact)
     assert np.linalg.norm(mark.normal) == pytest.approx(1.0)
     upper = matrix(ARM.root_from_base * ARM.frame_placement(contact.q, "upper"))[:3, 1]
-    assert mark.normal @ upper > 0.9  # the post stands on the side that the link turns to
+    assert mark.normal @ upper > 0.9  # the post is on the side that the link turns to
     along = np.subtract(*page.evaluate(CENTRE.format("head', 'shaft")))
     assert along @ mark.normal / np.linalg.norm(along) > 0.99
 

@@ -320,7 +320,7 @@ class PickTable(PickSource):
         self._begin, names = array("q"), array("Q")
         refuse_unreadable(self.path, PicksError, largest=None)
         with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
-            # The stamp tells later whether the file has changed
+            # The stamp shows later whether the file has changed
             self._stamp = _stamp(file)
             self._columns, begin = self._header(file, content)
             if "arm" in self._columns.names and not self.shared.robots:

@@ -135,6 +135,7 @@ def run_main(*words: str) -> tuple[int, str, str]:
         contextlib.redirect_stdout(io.StringIO()) as out,
         contextlib.redirect_stderr(io.StringIO()) as err,
         mock.patch.object(sys, "argv", ["pinproof", *words]),
+        mock.patch("pinproof.cli.console.SILENT", 1e6),  # a loaded machine prints no long step
     ):
         try:
             main()

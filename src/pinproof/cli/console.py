@@ -6,9 +6,12 @@ The names of output files are checked before a command starts its work, so that 
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,6 +21,7 @@ import numpy as np
 import typer
 
 from pinproof.common.files import os_errors, unknown_suffix
+from pinproof.common.steps import LOG, step
 from pinproof.errors import FileError, InputError
 
 if TYPE_CHECKING:
@@ -92,11 +96,51 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+SILENT = 2.0
+"""Seconds after which a step that has not ended is printed."""
+
+REPORTED_EVERY = 30.0
+"""Seconds between two lines of progress if stderr is not a terminal."""
+
+
+class LongSteps(logging.Handler):
+    """Prints a step of the library as one line on stderr if it has not ended after :data:`SILENT` seconds."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self._running: list[threading.Timer] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Start the timer of a step that begins, and cancel that of a step that ends."""
+        if record.__dict__["seconds"] is None:
+            timer = threading.Timer(SILENT, print_note, [record.getMessage()])
+            timer.daemon = True
+            timer.start()
+            self._running.append(timer)
+        elif self._running:
+            self._running.pop().cancel()
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Print long steps until the block ends."""
+        level = LOG.level
+        LOG.addHandler(self)
+        LOG.setLevel(min(level or logging.INFO, logging.INFO))
+        try:
+            yield
+        finally:
+            LOG.removeHandler(self)
+            LOG.setLevel(level)
+            for timer in self._running:
+                timer.cancel()
+
+
 @contextmanager
 def progress_status(text: str) -> Iterator[Callable[[str], None]]:
-    """Show a status line on stderr if it is a terminal; the function yielded changes its text."""
+    """Show a status line on stderr; the function yielded changes its text, if stderr is a terminal."""
     if not sys.stderr.isatty():
-        yield lambda _: None
+        with step(text, level=logging.INFO):
+            yield lambda _: None
         return
     from rich.console import Console
 
@@ -106,10 +150,14 @@ def progress_status(text: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[str, int, int], None]]:
-    """Show a progress bar with the rate and the time left on stderr if it is a terminal.
+    """Show a progress bar with the rate and the time left on stderr, or now and then a line if it is no terminal.
 
     The function yielded takes the name of a stage, and the numbers of its finished and of all parts.
     """
+    if not sys.stderr.isatty():
+        with step(text, level=logging.INFO):
+            yield _ProgressLines(text)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -124,7 +172,7 @@ def progress_bar(text: str) -> Iterator[Callable[[str, int, int], None]]:
     console = Console(stderr=True)
     columns: tuple[ProgressColumn, ...] = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate())
     columns += (TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         current, task = "", bar.add_task(text, total=None)
 
         def show(stage: str, done: int, total: int) -> None:
@@ -135,6 +183,23 @@ def progress_bar(text: str) -> Iterator[Callable[[str, int, int], None]]:
             bar.update(task, completed=done, total=total)
 
         yield show
+
+
+class _ProgressLines:
+    """Prints the progress and the time left of a stage every :data:`REPORTED_EVERY` seconds."""
+
+    def __init__(self, text: str) -> None:
+        self._text, self._stage = text, ""
+        self._start = self._printed = time.monotonic()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if stage != self._stage:
+            self._stage, self._start = stage, now
+        if now - self._printed < REPORTED_EVERY or not 0 < done < total:
+            return
+        self._printed, left = now, (now - self._start) * (total - done) / done
+        print_note(f"{self._text}: {done:,} of {total:,} {stage}, about {left:.0f} s left")
 
 
 @contextmanager

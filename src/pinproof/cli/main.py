@@ -25,7 +25,7 @@ from typer.core import TyperCommand, TyperGroup
 import pinproof as pp
 from pinproof.cli.cell import cell_allocate, cell_compare, cell_place, cell_sequence, cell_tolerance
 from pinproof.cli.certify import certify_motion, export
-from pinproof.cli.console import Interrupted, print_error, print_json, print_note
+from pinproof.cli.console import Interrupted, LongSteps, print_error, print_json, print_note
 from pinproof.cli.motion import check, plan, view
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import demo, pick
@@ -168,7 +168,8 @@ def main() -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("default", UnitWarning)
             warnings.showwarning = _show_warning
-            code = _run()
+            with LongSteps().listening():
+                code = _run()
         sys.stdout.flush()
     except BrokenPipeError:
         code = BROKEN_PIPE

@@ -239,6 +239,7 @@ def pick(
         None,
         min=0,
     ),
+    profile: bool = option("Also print the time of each stage, and of each body in the proofs beside it.", False),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -258,6 +259,10 @@ def pick(
         raise InputError(
             "--optimise cannot be combined with --program, --screen or --campaign; remove it, or state optimise in "
             "the picks file"
+        )
+    if profile and (program is not None or screen or campaign is not None or pool.stated):
+        raise InputError(
+            "--profile cannot be combined with --program, --screen, --campaign, --workers or --dask; remove them"
         )
     # Other work than judging picks completely.
     if program is not None:
@@ -283,16 +288,21 @@ def pick(
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:
-            report = judge_file(file, cell, seed, progress=partial(show, "picks"), budget=budget, **settings)
+            settings |= {"progress": partial(show, "picks"), "budget": budget}
+            judge = partial(judge_file, file, cell, seed, **settings)
+            profiled = pp.picks.profile_picks(judge) if profile else None
+            report = profiled.report if profiled is not None else judge()
     except RunInterrupted as error:  # the picks that were judged before are reported
         report = error.result
         if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
     # The answer, then the files, whose names are part of it
     if as_json:
-        print_json(report.to_dict())
+        print_json(report.to_dict() if profiled is None else {**report.to_dict(), "profile": profiled.to_dict()})
     else:
         print_report(report)
+        if profiled is not None:
+            print_line(f"\n{profiled.to_text()}")
     files, complete = out.write(report, is_folder=is_folder)
     if files and not as_json:
         print_line(f"wrote {files}")

@@ -47,6 +47,7 @@ from pinproof.picks.judging.verdict import (
     StageResult,
     Suggestion,
 )
+from pinproof.picks.report.profile import BodyTime, PickProfile, StageTime, profile_picks
 from pinproof.picks.report.program_export import (
     PicksProgram,
     ProgramCheck,
@@ -57,17 +58,18 @@ from pinproof.picks.report.program_export import (
 from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
-    "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "Campaign", "CampaignResult",
-    "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin", "GraspTolerance",
-    "GripLimits", "GripResult", "GripperFingers", "Intercept", "LengthSuggestion", "Member", "MotionPart",
-    "NamedFrame", "Pick", "PickBudget", "PickCell", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickReport",
-    "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights", "Picks",
-    "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ReachComparison", "ReachMap", "ReachRegion",
-    "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage", "StageResult",
-    "SuctionCup", "Suggestion", "ToolSpeed", "TurnSuggestion", "along", "approach_directions",
-    "attainable_orientations", "certify_picks_program", "check_held_joints", "code_of", "export_picks", "judge",
-    "manipulability", "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "prove_part", "rate_limits",
-    "reach", "reach_map", "read_picks", "recertify_program", "release_lines", "root_from_frame", "screen",
-    "screen_picks", "shifted", "shortened", "span", "support_names", "time_part", "tool_orientations",
-    "torque_limits_of_tool", "transit", "validate_picks", "write_motion_pages",
+    "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
+    "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
+    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Intercept", "LengthSuggestion", "Member",
+    "MotionPart", "NamedFrame", "Pick", "PickBudget", "PickCell", "PickGrid", "PickList", "PickMotion",
+    "PickProblem", "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask",
+    "PickVerdict", "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck",
+    "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",
+    "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup", "Suggestion", "ToolSpeed",
+    "TurnSuggestion", "along", "approach_directions", "attainable_orientations", "certify_picks_program",
+    "check_held_joints", "code_of", "export_picks", "judge", "manipulability", "motion_parts", "open_picks",
+    "peaks_of", "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks",
+    "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened",
+    "span", "support_names", "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks",
+    "write_motion_pages",
 ]  # fmt: skip

@@ -6,6 +6,7 @@ An exact mesh has points that show whether it lies inside another body.
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import zlib
@@ -41,6 +42,7 @@ from pinproof.collision.geometry.shapes import (
     Sphere,
 )
 from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, ground_surface, merged_boxes
+from pinproof.common.steps import step
 from pinproof.description import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import Array, frozen, matrix
@@ -391,7 +393,8 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
         return True, (), remark
     # A watertight mesh is covered by convex pieces if they fit it closely.
-    cover = kept_convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
+    with step(f"decomposing {what} ({len(mesh.triangles):,} triangles)", level=logging.INFO):
+        cover = kept_convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Body, CheckResult, CollisionChecker, Contact, inner_shapes
+from pinproof.common.steps import step
 from pinproof.description import moved_by
 from pinproof.ik import AnalyticIk, BodyOverlap, Clik, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
@@ -33,7 +34,7 @@ from pinproof.picks.judging.configurations import (
     turned_inside,
 )
 from pinproof.picks.judging.task import PickTask, at_rest
-from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.picks.judging.verdict import REFUTATION, Stage, StageResult
 from pinproof.spatial import SE3, Array, twist_size
 
 NO_SOLUTION = "no IK solution within the limits reaches"
@@ -55,6 +56,7 @@ class Reached(NamedTuple):
     refuted: tuple[str, ...] = ()
 
 
+@step(Stage.REACH.value)
 def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
     """The configurations at each of the given grasps; without any, the reason is either the limits or the reach."""
     # All configurations within the limits, by the closed form, along curves of solutions, or by a search
@@ -178,6 +180,7 @@ class Gripped(NamedTuple):
     refuted: tuple[str, ...]
 
 
+@step(Stage.GRIP.value)
 def judge_grip(task: PickTask, members: list[Member], q: Array, of: Indices) -> Gripped:
     """Judge collision-free configurations q (k, n) at the grasp; ``of`` (k,) is the member of each."""
     if task.name is None:
@@ -269,6 +272,7 @@ class Screened(NamedTuple):
     not_held: bool = False
 
 
+@step(Stage.GRASP.value)
 def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
     """Judge all configurations at the grasp."""
     checker = task.at_grasp
@@ -526,6 +530,7 @@ def _refuted(members: list[Member], reasons_of: Callable[[Member], list[str]]) -
     return tuple(reasons)
 
 
+@step(REFUTATION)
 def reasons_against_every_branch(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
@@ -563,6 +568,7 @@ def reasons_against_every_branch(task: PickTask, members: list[Member], seed: in
     return _refuted(members, reasons_of)
 
 
+@step(REFUTATION)
 def reasons_at_release(task: PickTask, members: list[Member], seed: int) -> tuple[str, ...]:
     """Why each IK branch at the release of each grasp is excluded; empty if one is not."""
     if task.place is None:
@@ -573,6 +579,7 @@ def reasons_at_release(task: PickTask, members: list[Member], seed: int) -> tupl
     )
 
 
+@step(REFUTATION)
 def reasons_by_contact(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
     """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
 

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.collision import CollisionChecker, certify, proven_millimetres
+from pinproof.common.steps import step
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
 from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask, torque_limits
-from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.picks.judging.verdict import LINES, Stage, StageResult
 from pinproof.planning import PlanResult, make_planner, plan_linear, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
@@ -87,6 +88,7 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
     return points.min(axis=0), points.max(axis=0)
 
 
+@step(LINES)
 def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
     """The approach and the retreat of a configuration."""
     # In a trial for a failed retreat, an approach is only needed if the retreat is possible
@@ -179,6 +181,7 @@ class Crossing(NamedTuple):
     clearance: float = np.inf
 
 
+@step(Stage.TRANSIT.value)
 def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
     """A path from home to the entrance of one of the attempts."""
     # An object that the pick states itself is elsewhere for another grasp, so each grasp is planned on its own

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pinproof.common.steps import step
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget
 from pinproof.picks.judging.configurations import configurations, least_seconds
@@ -148,6 +149,7 @@ class Placer:
             clearances[free] = free_hand.clearance_batch(q[free])
         return clearances
 
+    @step(Stage.PLACE.value)
     def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
         """Plan the place of a grasped object at the release that gives the best complete motion.
 

@@ -25,13 +25,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.steps import step
 from pinproof.ik import Clik
 from pinproof.motion import read_only
 from pinproof.picks.input.pick import ROOT, TIP, Pick
 from pinproof.picks.judging.configurations import configurations, has_closed_form
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import PickTask
-from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult, Suggestion
+from pinproof.picks.judging.verdict import SUGGESTIONS, PickVerdict, Stage, StageResult, Suggestion
 from pinproof.spatial import SE3, Array, rotation_about, translated
 
 Vector = tuple[float, float, float]
@@ -364,6 +365,7 @@ class _Trials:
         return replace(candidate.suggestion, effect=effect)
 
 
+@step(SUGGESTIONS)
 def suggest(
     task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Callable[[Pick], PickVerdict]
 ) -> tuple[Suggestion, ...]:

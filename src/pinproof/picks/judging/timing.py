@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Upright, certify, curve_hash
+from pinproof.common.steps import step
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import (
@@ -200,6 +201,7 @@ class MotionPart:
     """The name of the stage of each curve, whose limits of speed apply; by default that of the part."""
 
 
+@step(Stage.TIMING.value)
 def time_motion(
     task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None
 ) -> tuple[StageResult, TimedPart | None]:

@@ -61,6 +61,10 @@ class Stage(Enum):
     TIMING = "timing"
 
 
+LINES, REFUTATION, SUGGESTIONS = "approach and retreat", "refutation", "suggestions"
+"""Further steps of which the time is measured: both lines, the proof that a pick is impossible, and changed picks."""
+
+
 class PickStatus(Enum):
     """The verdict on a pick."""
 

@@ -1,0 +1,216 @@
+"""What makes a cell slow: the time of each stage of the picks, and of each body in the proofs beside it."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pinproof.collision import Body, CollisionChecker, Obstacle, Scene, Shape, is_proven_free
+from pinproof.common.results import Rows, Saved, View, Written
+from pinproof.common.steps import LOG
+from pinproof.common.structs import ANY_TEXT, key, reported, struct
+from pinproof.motion import Curve, JointPath
+from pinproof.picks.judging.verdict import LINES, REFUTATION, SUGGESTIONS, Stage
+from pinproof.picks.report.report import PickReport
+
+SHORT = 0.01
+"""Share of the time from which a step on a mesh has a row of its own."""
+
+MOST_PICKS, REPEATS = 20, 3
+"""Good picks along whose motions bodies are compared, and repetitions, of which the fastest counts."""
+
+MOST_GROUPS = 40
+"""Shapes that are compared one by one, those with the most bodies first; the others are compared together."""
+
+LARGE = 0.1
+"""Share of the time from which a body has an advice."""
+
+
+@struct("stage time")
+class StageTime:
+    """The time of a stage."""
+
+    stage: str = key("name of the stage, or `suggestions` or `other`")
+    seconds: float = key("time of the stage in all picks", "s")
+    calls: int = key("number of times that the stage began")
+
+
+@struct("body time")
+class BodyTime:
+    """The time of the obstacles of one shape in proofs."""
+
+    name: str = key("the obstacles of one shape, or `robot` for the links and what they hold", kind=ANY_TEXT)
+    seconds: float = key("time of proving the motions beside these bodies alone", "s")
+    share: float = key("part of the sum over all bodies", minimum=0, maximum=1)
+    geometry: str = key("how the body is represented", kind=ANY_TEXT)
+    advice: str = key("what would be faster; may be empty", kind=ANY_TEXT)
+
+
+@struct("profile", version="pinproof/profile/1", first=("summary", "stages", "bodies"), written=True, eq=False)
+class PickProfile(Saved, Written):
+    """Where the time of :func:`pinproof.validate_picks` was spent; made by :func:`profile_picks`."""
+
+    report: PickReport = key("the report on the picks", hidden=True)
+    stages: tuple[StageTime, ...] = key("the stages, the slowest first")
+    bodies: tuple[BodyTime, ...] = key(
+        "the bodies, the slowest first: the motions of good picks, or random motions if no pick is good, are proven "
+        "again beside each body alone"
+    )
+
+    @property
+    def seconds(self) -> float:
+        """The time of all stages (s)."""
+        return sum(each.seconds for each in self.stages)
+
+    @property
+    @reported()
+    def summary(self) -> str:
+        """One line: the time, and the slowest body."""
+        slowest = self.bodies[0]
+        return f"{self.seconds:.2f} s; proofs beside {slowest.name}: {slowest.share:.0%}, {slowest.geometry}"
+
+    def _tables(self) -> tuple[Rows, Rows]:
+        total = max(self.seconds, 1e-12)
+        stages = [(s.stage, f"{s.seconds:.3f}", f"{s.seconds / total:.0%}", str(s.calls)) for s in self.stages]
+        bodies = [(b.name, f"{b.seconds * 1e3:.2f}", f"{b.share:.0%}", b.geometry, b.advice) for b in self.bodies]
+        return (
+            Rows(("stage", "seconds", "share", "calls"), stages, numbers=("seconds", "share", "calls")),
+            Rows(("bodies", "ms", "share", "geometry", "advice"), bodies, numbers=("ms", "share")),
+        )
+
+    def _view(self) -> View:
+        return View(self.summary, self._tables())
+
+    def to_text(self) -> str:
+        """The summary and both tables, with aligned columns."""
+        stages, bodies = self._tables()
+        return "\n".join([self.summary, "", *stages.text(), "", *bodies.text()])
+
+
+def profile_picks(judge: Callable[[], PickReport]) -> PickProfile:
+    """Run a call of :func:`pinproof.validate_picks` in this process, and measure its stages and the bodies of its cell.
+
+    Parameters
+    ----------
+    judge
+        The call, for example ``lambda: pp.validate_picks(arm, scene, picks)``. Workers are not measured.
+    """
+    watch = _Watch()
+    level = LOG.level
+    LOG.addHandler(watch)
+    LOG.setLevel(logging.DEBUG)
+    start = time.perf_counter()
+    try:
+        report = judge()
+    finally:
+        LOG.removeHandler(watch)
+        LOG.setLevel(level)
+    total, known = time.perf_counter() - start, {name for name, (seconds, _) in watch.times.items() if seconds}
+    # Short steps on meshes are not worth a row
+    names = {stage.value for stage in Stage} | {LINES, REFUTATION, SUGGESTIONS}
+    shown = {name for name in known if name in names or watch.times[name][0] >= SHORT * total}
+    stages = [StageTime(name, *watch.times[name]) for name in shown]
+    stages.append(StageTime("other", max(total - sum(each.seconds for each in stages), 0.0), 1))
+    return PickProfile(report, tuple(sorted(stages, key=lambda each: -each.seconds)), _body_times(report))
+
+
+class _Watch(logging.Handler):
+    """Adds up the time of each step without the steps in it."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.DEBUG)
+        self.times: dict[str, tuple[float, int]] = {}
+        self._open: list[list[Any]] = []  # name, and the seconds of the steps in it
+
+    def emit(self, record: logging.LogRecord) -> None:
+        name, seconds = record.__dict__["step"], record.__dict__["seconds"]
+        if seconds is None:
+            whole = self._open[-1][0] if self._open and self._open[-1][0] == SUGGESTIONS else None
+            self._open.append([whole or name, 0.0])
+            return
+        name, inner = self._open.pop()
+        self.add(name, seconds - inner)
+        if self._open:
+            self._open[-1][1] += seconds
+
+    def add(self, name: str, seconds: float) -> None:
+        before, calls = self.times.get(name, (0.0, 0))
+        self.times[name] = before + seconds, calls + 1
+
+
+def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
+    """The times of proving the same motions beside the obstacles of each shape alone, and beside none."""
+    if report.setup is None:
+        return ()
+    checker, curves = report.setup.checker, _curves(report)
+    bodies: dict[str | None, list[Body]] = {}
+    for body in checker.bodies:
+        bodies.setdefault(body.owner if body.link is None else None, []).append(body)
+    # Obstacles of one shape are compared together, and so are those with the fewest bodies beyond a number
+    by_shape: dict[Shape, list[Obstacle]] = {}
+    for thing in checker.scene.obstacles:
+        by_shape.setdefault(thing.shape, []).append(thing)
+    groups = sorted(by_shape.values(), key=lambda group: -sum(_size(b) for o in group for b in bodies[o.name]))
+    if len(groups) > MOST_GROUPS:
+        groups = [*groups[:MOST_GROUPS], [thing for group in groups[MOST_GROUPS:] for thing in group]]
+    # The pairs of links are part of each measurement
+    alone = _seconds(checker.with_scene(Scene()), curves)
+    rows = [("robot", alone, bodies.get(None, []))]
+    for group in groups:
+        names = [thing.name for thing in group]
+        name = ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+        seconds = max(_seconds(checker.with_scene(Scene(tuple(group))), curves) - alone, 0.0)
+        rows.append((name, seconds, [body for name in names for body in bodies[name]]))
+    total = max(sum(seconds for _, seconds, _ in rows), 1e-12)
+    return tuple(
+        BodyTime(name, seconds, seconds / total, _geometry(own), _advice(own) if seconds >= LARGE * total else "")
+        for name, seconds, own in sorted(rows, key=lambda row: -row[1])
+    )
+
+
+def _curves(report: PickReport) -> list[Curve]:
+    """The motions of good picks, or random straight motions from home if no pick is good."""
+    curves: list[Curve] = [motion.trajectory for verdict in report.good[:MOST_PICKS] for motion in verdict.motions]
+    if curves or report.setup is None:
+        return curves
+    arm, home, rng = report.setup.checker.arm, report.setup.home, np.random.default_rng(0)
+    ends = np.clip(home + rng.uniform(-1.0, 1.0, (MOST_PICKS, arm.dof)), arm.limits.lower, arm.limits.upper)
+    return [JointPath(np.array([home, end]), arm.joint_names) for end in ends]
+
+
+def _seconds(checker: CollisionChecker, curves: Sequence[Curve]) -> float:
+    """The least time of proving the curves, up to the first contact."""
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        for curve in curves:
+            is_proven_free(curve, checker)
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def _size(body: Body) -> int:
+    return int(body.geometry.num_tris) if body.is_exact else 1
+
+
+def _geometry(bodies: Sequence[Body]) -> str:
+    """How bodies are represented."""
+    triangles = sum(_size(body) for body in bodies if body.is_exact)
+    convex = sum(not body.is_exact for body in bodies)
+    parts = [f"{triangles:,} exact triangles"] if triangles else []
+    parts += [f"{convex} convex {'body' if convex == 1 else 'bodies'}"] if convex else []
+    return " and ".join(parts) or "no body"
+
+
+def _advice(bodies: Sequence[Body]) -> str:
+    """What would make proofs beside these bodies faster; empty if nothing is known."""
+    owners = len({body.owner for body in bodies if body.link is None})
+    if owners and any(body.is_exact for body in bodies):
+        return "hull: true is one convex body; flat faces that need few convex pieces are faster than round ones"
+    if len(bodies) > owners > 0:
+        return f"hull: true is 1 convex body instead of {len(bodies) // owners}, if nothing reaches into the shape"
+    return ""

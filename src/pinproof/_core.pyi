@@ -479,6 +479,10 @@ class Shape:
     @property
     def ball(self) -> float: ...
 
+def separating_directions(
+    a: Sequence[Shape], b: Sequence[Shape], root_from_a: NDArray[numpy.float64], root_from_b: NDArray[numpy.float64]
+) -> NDArray[numpy.float64]: ...
+
 class Body:
     def __init__(self, shape: Shape, joint: int, joint_from_body: NDArray[numpy.float64]) -> None: ...
     @property

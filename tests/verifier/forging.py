@@ -7,10 +7,11 @@ from math import comb
 
 import coal
 import numpy as np
+import trimesh
 
 import pinproof as pp
 from pinproof.collision.certificates.proof_file import proof_document
-from pinproof.collision.geometry.hulls import hull_of_any
+from pinproof.collision.geometry.hulls import bvh, hull_of_any, winding_number
 from pinproof.model import load_robot
 from pinproof.motion import CubicPath
 from pinproof.verifier import body_digest, curve_digest
@@ -88,9 +89,40 @@ def small_proofs():
     yield proven(mixed, scene, pp.JointPath(waypoints, mixed.joint_names), margins={("link2", "egg"): 0.004})
     still = pp.JointPath(waypoints[:1], mixed.joint_names)
     yield proven(mixed, scene, still, obstacle_tolerance=1e-3)
+    yield mesh_proof()
     arm = pp.load_robot("generic_6dof").arm()
     shelf = pp.Scene([pp.Obstacle("board", pp.Box(0.4, 0.4, 0.02), pp.pose((0.9, 0.5, 0.2)))])
     yield proven(arm, shelf, pp.JointPath([arm.home, arm.home + 0.05], arm.joint_names))
+
+
+def torus(radius, tube, count=12):
+    mesh = trimesh.creation.torus(radius, tube, count, 8)
+    return pp.Mesh.from_arrays(mesh.vertices, mesh.faces, hull=False)
+
+
+def mesh_proof():
+    """A ring on a slide that moves sideways above a bar through a ring, and turns."""
+    arm = robot(
+        "ringed",
+        [
+            ("prismatic", "1 0 0", "0 0 0.3", box("0.02 0.02 0.02"), ""),
+            ("revolute", "0 0 1", "0 0 0", box("0.02 0.02 0.02", "0 0 0.1"), ""),
+        ],
+    )
+    scene = pp.Scene(
+        [
+            pp.Obstacle("ring", torus(0.3, 0.05), pp.pose((0.2, 0, 0))),
+            pp.Obstacle("bar", pp.Box(0.04, 0.04, 0.3), pp.pose((0.45, 0.06, 0.2))),
+            pp.Obstacle("floor", pp.HalfSpace(), pp.pose((0, 0, -0.2))),
+        ]
+    )
+    held = [
+        pp.Obstacle("held", torus(0.05, 0.02), pp.pose((0, 0, -0.3))),
+        pp.Obstacle("pin", pp.Box(0.02, 0.02, 0.1), pp.pose((0, 0, -0.15))),
+    ]
+    checker = pp.CollisionChecker(arm, scene, margin=0.002, attached=held)
+    curve = pp.JointPath([[0.2, 0.0], [0.36, 0.6]], arm.joint_names)
+    return proof_document(pp.certify(curve, checker, record=True).or_raise(), curve, checker)
 
 
 # -- forgeries -----------------------------------------------------------------------------------------------------
@@ -212,7 +244,10 @@ def one_wide_interval(document, rng):
     knots = document["curve"]["knots"]
     document["intervals"] = [[knots[0], knots[-1]]]
     for pair in document["pairs"]:
-        pair["intervals"], pair["directions"] = [0], pair["directions"][:1]
+        if "parts" in pair:
+            pair["intervals"] = [0 for _ in pair["intervals"]]
+        else:
+            pair["intervals"], pair["directions"] = [0], pair["directions"][:1]
 
 
 def cut_intervals(document, rng):
@@ -223,7 +258,42 @@ def cut_intervals(document, rng):
     document["intervals"] = halves
     for pair in document["pairs"]:
         pair["intervals"] = [2 * k + side for k in pair["intervals"] for side in (0, 1)]
-        pair["directions"] = [list(u) for u in pair["directions"] for _ in (0, 1)]
+        for key in ("directions", "parts"):
+            if key in pair:
+                pair[key] = [list(row) for row in pair[key] for _ in (0, 1)]
+
+
+def change_parts(document, rng):
+    """Widens a part of a mesh, drops one or several with their directions, or uses one direction for others."""
+    pair = pick(rng, [pair for pair in document["pairs"] if "parts" in pair])
+    k, kind = int(rng.integers(len(pair["parts"]))), rng.integers(4)
+    if kind == 0:
+        pair["parts"][k][int(rng.integers(len(pair["parts"][k])))] += int(rng.integers(-3, 4))
+    elif kind == 1:
+        pair["parts"][k] = [min(row[i] if i % 2 == 0 else -row[i] for row in pair["parts"]) * (1 - i % 2 * 2)
+                            for i in range(len(pair["parts"][k]))]  # fmt: skip
+    elif kind == 2:
+        for key in ("intervals", "directions", "parts"):
+            del pair[key][k]
+    else:
+        pair["directions"] = [pair["directions"][k] for _ in pair["directions"]]
+
+
+def change_mesh(document, rng):
+    """Moves vertices, drops or turns triangles, fills or empties a mesh."""
+    shape = pick(rng, [body["shape"] for body in document["bodies"] if "triangles" in (body["shape"] or "")])
+    kind = rng.integers(4)
+    if kind == 0:
+        shape["vertices"] = (np.array(shape["vertices"]) * pick(rng, [0.5, 0.9, 0.99, 1.01, 1.1, 2.0])).tolist()
+    elif kind == 1:
+        for _ in range(int(rng.integers(1, 5))):
+            k = int(rng.integers(len(shape["vertices"])))
+            shape["vertices"][k] = (np.array(shape["vertices"][k]) + 0.02 * rng.normal(size=3)).tolist()
+    elif kind == 2:
+        k = int(rng.integers(len(shape["triangles"])))
+        shape["triangles"][k] = pick(rng, [shape["triangles"][k][::-1], shape["triangles"][k - 1], [0, 0, 0]])
+    else:
+        shape["solid"] = pick(rng, [True, False, 1, None])
 
 
 def move_body(document, rng):
@@ -281,7 +351,7 @@ def exclude(document, rng):
 FORGERIES = [other_number, other_number, other_number, special_value, other_entries, other_entries,
              insert_motion, insert_motion, squeeze_curve, absorb_motion, bend_curve, one_wide_interval,
              cut_intervals, move_body, move_body, change_shape, rename, change_joint, change_settings,
-             exclude]  # fmt: skip
+             exclude, change_parts, change_parts, change_mesh, change_mesh]  # fmt: skip
 
 
 def forged(document, rng):
@@ -319,11 +389,18 @@ class Solid:
     """A subset of a body for coal, so that its distances are never too small by more than FLAT, and a radius."""
 
     def __init__(self, shape) -> None:
-        self.radius, self.grown = 0.0, 0.0
+        self.radius, self.grown, self.triangles = 0.0, 0.0, None
+        if isinstance(shape, dict) and "triangles" in shape:
+            corners = np.array(shape["vertices"], dtype=float)[np.array(shape["triangles"])]
+            self.geometry = bvh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+            self.triangles, self.point = corners if shape["solid"] else None, corners[0, 0]
+            return
         if shape == "half_space":
             self.geometry = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+            self.point = np.array([0.0, 0.0, -1e9])
             return
         points, discs = np.array(shape["points"], dtype=float), np.array(shape["disc_radii"], dtype=float)
+        self.point = points[0]
         semi, self.radius = np.array(shape["semi_axes"], dtype=float), float(shape["radius"])
         if discs.any():
             angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -413,6 +490,15 @@ class Samples:
 
     def distance(self, i, j, places):
         a, b, result = self.solids[i], self.solids[j], coal.DistanceResult()
+        for one, other, from_other in (
+            (a, b, places[i].inverse() * places[j]),
+            (b, a, places[j].inverse() * places[i]),
+        ):
+            if (
+                one.triangles is not None
+                and abs(winding_number(from_other.transform(other.point), one.triangles)) > 0.5
+            ):
+                return -1.0
         found = coal.distance(a.geometry, places[i], b.geometry, places[j], coal.DistanceRequest(), result)
         return found - a.radius - b.radius + a.grown + b.grown
 

@@ -18,6 +18,28 @@ std::shared_ptr<Shape> make(ShapeKind kind, const Matrix& box, std::span<const d
         make_shape(kind, points, discs, radius, semi_axes, {b[0], b[1], b[2]}, {b[3], b[4], b[5]}));
 }
 
+// Metres: a direction that proves a distance closely, at which its search may end.
+constexpr double kCloseDirection = 1e-6;
+
+// The directions from each of convex shapes `a` to that of `b`, along which they are farthest apart.
+NewArray separating_directions(const std::vector<std::shared_ptr<Shape>>& a,
+                               const std::vector<std::shared_ptr<Shape>>& b, const Matrix& root_from_a,
+                               const Matrix& root_from_b) {
+    const std::size_t count = a.size();
+    const auto from_a = finite("root_from_a", root_from_a, {count, 16});
+    const auto from_b = finite("root_from_b", root_from_b, {b.size() == count ? count : 0, 16});
+    return filled<double>({count, 3}, [&](double* out) {
+        for (std::size_t i = 0; i < count; ++i, out += 3) {
+            if (a[i]->kind != ShapeKind::kConvex || b[i]->kind == ShapeKind::kMesh) refuse("a shape is not convex");
+            const Transform at_a = read_transform(&from_a[16 * i]), at_b = read_transform(&from_b[16 * i]);
+            Separation separation;
+            bound_distance(*a[i], *b[i], inverse(at_a) * at_b, {.precision = kCloseDirection}, separation);
+            const Vec3 direction = at_a.rotation * separation.direction;
+            for (int k = 0; k < 3; ++k) out[k] = direction[k];
+        }
+    });
+}
+
 void bind_shapes(nb::module_& module) {
     nb::class_<Shape>(module, "Shape", "The shape of a body in its own frame.")
         .def_static(
@@ -47,6 +69,8 @@ void bind_shapes(nb::module_& module) {
             }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
+    module.def("separating_directions", &separating_directions, "a"_a, "b"_a, "root_from_a"_a, "root_from_b"_a,
+               "(N, 3) the unit vectors in the root frame from convex shapes a to shapes b at placements (N, 16).");
 }
 
 std::shared_ptr<Obstacles> make_obstacles(const std::vector<Body>& bodies) {

@@ -7,12 +7,13 @@ The file format is described in docs/formats/proof.md.
 
 from .interval_bounds import IntervalBounds
 from .parts import Refused, body_digest, curve_digest, load
-from .proof import FORMAT, VERSION, Proof, ProofVerdict, verify
+from .proof import FORMAT, VERSION, Parts, Proof, ProofVerdict, verify
 
 __all__ = [
     "FORMAT",
     "VERSION",
     "IntervalBounds",
+    "Parts",
     "Proof",
     "ProofVerdict",
     "Refused",

@@ -35,6 +35,7 @@ smallest component of the hull along the axis. In an interval of several pieces 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import pi
 from typing import Any, Protocol
 
@@ -46,6 +47,7 @@ from .parts import (
     Array,
     Body,
     Curve,
+    Indices,
     Joint,
     Refused,
     check_fields,
@@ -60,8 +62,6 @@ from .parts import (
     text,
     unit_vector,
 )
-
-Indices = npt.NDArray[np.int64]
 
 AT_ONCE = 1 << 12
 """Number of bounds that are computed at once, which share the cost of the calls."""
@@ -85,14 +85,17 @@ class Mechanism(Protocol):
     tolerance: Array
     rounding: float
 
-    def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
-        """Return the joints on the path from body i to body j, and how many of them, from the first, move i."""
+    def joints_between(self, a: int, b: int) -> tuple[list[int], int]:
+        """Return the joints on the path from joint a to joint b, and how many of them, from the first, are up."""
 
 
 class IntervalBounds:
-    """The boxes of the joint values in intervals (T, 2) of a curve, and the axes and bodies at their middles."""
+    """The boxes of the joint values in intervals (T, 2) of a curve, and the axes and bodies at their middles.
 
-    def __init__(self, proof: Mechanism, intervals: Array) -> None:
+    ``parts`` of meshes follow the bodies of the proof.
+    """
+
+    def __init__(self, proof: Mechanism, intervals: Array, parts: Sequence[Body] = ()) -> None:
         self._proof = proof
         low, high, control, self.single = _boxes(proof.curve, intervals)
         """(T,) whether an interval is in a single piece of the curve."""
@@ -102,7 +105,7 @@ class IntervalBounds:
         """(T, n) half of the sides of the boxes."""
         self.theta = control - self.q[:, None]
         """(T, K, n) control points relative to q, valid where :attr:`single`."""
-        self._bodies = _BodyTable(proof.bodies)
+        self._bodies = _BodyTable([*proof.bodies, *parts])
         # Rotation (T, 3, 3) and translation (T, 3) of each joint in root, and its axis (T, 3) there.
         self._at: list[tuple[Array, Array]] = []
         self._axes: list[Array] = []
@@ -132,6 +135,20 @@ class IntervalBounds:
         """Return direction and a point (T, 3) each of the axis of a joint at q, in root."""
         return self._axes[joint], self._at[joint][1]
 
+    def frames(self, which: Indices, rows: Indices) -> Array:
+        """Return (R, 4, 4) the frames in root of bodies ``which`` (R,) at the middle of intervals ``rows`` (R,)."""
+        table, found = self._bodies, np.tile(np.eye(4), (len(rows), 1, 1))
+        for joint in np.unique(table.joint[which]):
+            mine = table.joint[which] == joint
+            rotation, translation = (part[rows[mine]] for part in self.placed(int(joint)))
+            found[mine, :3, :3] = rotation @ table.rotation[which[mine]]
+            found[mine, :3, 3] = translation + (rotation @ table.translation[which[mine], :, None])[..., 0]
+        return found
+
+    def balls(self, which: Indices) -> Array:
+        """Return the radius (m) of the ball around each of the bodies ``which``, of any shape."""
+        return np.asarray(self._bodies.ball[which])
+
     def distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
         """Return (R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), valid in the whole interval.
 
@@ -150,10 +167,11 @@ class IntervalBounds:
 
     def _distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
         """Return the bounds of pairs of bodies with the same joints; all or none are obstacles, and half-spaces."""
-        proof, first = self._proof, self._proof.bodies[j[0]]
-        path, up = proof.joints_between(int(i[0]), int(j[0]))
+        proof, table = self._proof, self._bodies
+        obstacle = bool(table.obstacle[j[0]])
+        path, up = proof.joints_between(int(table.joint[i[0]]), int(table.joint[j[0]]))
         one, other = _Placed(self, i, rows), _Placed(self, j, rows)
-        if first.half_space:
+        if table.half_space[j[0]]:
             u = -other.rotation[:, :, 2]
         gap = -other.reach(-u[:, None])[:, 0] - one.reach(u[:, None])[:, 0]
         if not path:
@@ -171,7 +189,7 @@ class IntervalBounds:
 
         # Which joints move i, seen from L: the first ``split`` of the path; the others move j.
         zero = np.zeros((1, len(rows)))
-        if first.kind == "obstacle":
+        if obstacle:
             rough, split = (radius[0] * chord).sum(axis=0), np.full(len(rows), len(path))
         else:
             of_one = np.concatenate([zero, np.cumsum(radius[0] * chord, axis=0)])
@@ -226,7 +244,7 @@ class _BodyTable:
         self.translation = np.array([body.translation for body in bodies]).reshape(-1, 3)
         self.centre = np.array([body.centre for body in bodies]).reshape(-1, 3)
         self.ball = np.array([body.ball for body in bodies])
-        self._points = np.array([len(body.points) if body.convex else 0 for body in bodies], dtype=np.int64)
+        self._points = np.array([len(body.points) if body.bounded else 0 for body in bodies], dtype=np.int64)
 
     def reach(self, which: Indices, directions: Array) -> Array:
         """Return (R, K) the supports of bodies ``which`` (R,) in directions (R, K, 3) in their own frames."""

@@ -6,6 +6,7 @@ printable text, and a field that this version does not define is refused. Errors
 
 from __future__ import annotations
 
+import copy
 import gzip
 import hashlib
 import io
@@ -14,6 +15,7 @@ import math
 import reprlib
 import stat
 import zlib
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 LARGEST = 1e6
 """Largest magnitude of a number by default: double precision is too coarse for a proof beyond it."""
@@ -235,6 +238,9 @@ IMPULSE = 0.011
 BISECTIONS = 60
 """Maximum number of bisections of a piece near its limits: it then has the resolution of a double."""
 
+BOXED = 64
+"""A range of more triangles is represented by the box around it."""
+
 LEVELS = 3
 """Number of levels of detail, from coarse to fine, on which bodies may represent a geometry."""
 
@@ -282,11 +288,16 @@ class Body:
     """A convex body: the hull of ``points``, each with a flat disc about z, grown by a ball and by an ellipsoid.
 
     ``half_space`` is everything below the body's own z = 0. A body may have no shape; then it can be in no pair.
+
+    A mesh consists of triangles, which are proven apart from other bodies in ranges: the points of a range are the
+    corners of its triangles, or of the box around them if there are many, and its hull contains the triangles. If the
+    mesh is solid, the points about which its triangles wind belong to it too.
     """
 
     FIELDS = ("name", "owner", "kind", "geometry", "level", "source", "mesh_sha256", "joint", "placement", "shape",
               "sha256")  # fmt: skip
     SHAPE = ("points", "disc_radii", "radius", "semi_axes")
+    MESH = ("vertices", "triangles", "solid")
 
     def __init__(self, row: Any, i: int, joints: int) -> None:
         self.where = where = f"bodies[{i}]"
@@ -302,31 +313,104 @@ class Body:
             raise Refused(f"{where}.joint: an obstacle moves with no joint; it must be -1")
         self.rotation, self.translation = placement(row, where)
         shape = member(row, where, "shape")
-        self.half_space, self.convex = shape == "half_space", shape is not None and shape != "half_space"
+        self.half_space, self.bounded = shape == "half_space", shape is not None and shape != "half_space"
         if self.half_space and self.kind != "obstacle":
             raise Refused(f"{where}.shape: only an obstacle can be a half-space")
         self.centre, self.ball = np.zeros(3), np.inf
-        if self.convex:
-            where = f"{self.where}.shape"
+        self.triangles, self.solid = np.empty((0, 3), dtype=np.int64), False
+        self.is_mesh = isinstance(shape, dict) and "triangles" in shape
+        if self.is_mesh:
+            self._read_mesh(shape, f"{where}.shape")
+        elif self.bounded:
+            where = f"{where}.shape"
             check_fields(shape, where, self.SHAPE)
-            self.points = numbers(shape, where, "points", (None, 3))
-            self.discs = numbers(shape, where, "disc_radii", (len(self.points),))
-            self.semi = numbers(shape, where, "semi_axes", (3,))
-            self.radius = number(shape, where, "radius")
-            if not len(self.points) or min(self.radius, self.semi.min(), self.discs.min()) < 0:
+            points = numbers(shape, where, "points", (None, 3))
+            discs = numbers(shape, where, "disc_radii", (len(points),))
+            semi, radius = numbers(shape, where, "semi_axes", (3,)), number(shape, where, "radius")
+            if not len(points) or min(radius, semi.min(), discs.min()) < 0:
                 raise Refused(f"{where}: must have points, and no radius below 0")
-            # A ball around the body: about the middle of its points, as large as the farthest disc with what it grows.
-            self.centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
-            out = self.points - self.centre
-            far = np.hypot(np.hypot(out[:, 0], out[:, 1]) + self.discs, out[:, 2])
-            self.ball = float(far.max()) + self.radius + float(self.semi.max())
+            self._set(points, discs, radius, semi)
         if self.sha256 != body_digest(row):
             raise Refused(f"{self.where}.sha256: does not match the joint, placement and shape in the file")
+
+    def _set(self, points: Array, discs: Array, radius: float, semi: Array) -> None:
+        """Set the shape, and a ball around it.
+
+        The ball is about the middle of the points, as large as the farthest disc with what it grows.
+        """
+        self.points, self.discs, self.radius, self.semi = points, discs, radius, semi
+        self.centre = (points.min(axis=0) + points.max(axis=0)) / 2
+        out = points - self.centre
+        far = np.hypot(np.hypot(out[:, 0], out[:, 1]) + discs, out[:, 2])
+        self.ball = float(far.max()) + radius + float(semi.max())
+
+    def _read_mesh(self, shape: Any, where: str) -> None:
+        check_fields(shape, where, self.MESH)
+        vertices = numbers(shape, where, "vertices", (None, 3))
+        rows = numbers(shape, where, "triangles", (None, 3), LARGEST_PARAMETER)
+        if not (len(vertices) and len(rows) and ((rows >= 0) & (rows < len(vertices)) & (rows % 1 == 0)).all()):
+            raise Refused(f"{where}.triangles: must be indices of vertices, and one triangle or more")
+        self.triangles, solid = rows.astype(np.int64), member(shape, where, "solid")
+        if type(solid) is not bool:
+            raise Refused(f"{where}.solid: must be true or false, not {shown(solid)}")
+        self.solid = solid
+        self._set(vertices, np.zeros(len(vertices)), 0.0, np.zeros(3))
+        if solid:
+            # A point cannot get from outside to inside without crossing a triangle if each edge between two points
+            # occurs equally often in both directions.
+            same = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[self.triangles]
+            edges = np.concatenate([same[:, [0, 1]], same[:, [1, 2]], same[:, [2, 0]]])
+            number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
+            if np.bincount(number, np.sign(edges[:, 1] - edges[:, 0])).any():
+                raise Refused(f"{where}.solid: the triangles do not enclose a volume")
+
+    @property
+    def pieces(self) -> int:
+        """The number of triangles of a mesh; a convex body is in one piece."""
+        return len(self.triangles) if self.is_mesh else 1
+
+    def part(self, first: int, end: int) -> Body:
+        """Return the convex body around a range of the triangles of this mesh."""
+        points = self.points[self.triangles[first:end].reshape(-1)]
+        if end - first > BOXED:
+            low, high = points.min(axis=0), points.max(axis=0)
+            points = np.array(list(product(*zip(low, high, strict=True))))
+        part = copy.copy(self)
+        part.is_mesh, part.triangles = False, self.triangles[:0]
+        part._set(points, np.zeros(len(points)), 0.0, np.zeros(3))
+        return part
+
+    @property
+    def witnesses(self) -> Array:
+        """(W, 3) a point of each connected part: if the surfaces of two bodies are apart, it is inside if this is."""
+        if not self.is_mesh:
+            return np.empty((0, 3)) if self.half_space else self.points[:1]
+        # Each vertex gets the smallest label of its triangles, until no label changes; labels are followed to the end.
+        label = np.arange(len(self.points))
+        while True:
+            least = label.copy()
+            np.minimum.at(least, self.triangles, label[self.triangles].min(axis=1)[:, None])
+            least = least[least]
+            if np.array_equal(least, label):
+                return np.asarray(self.points[np.unique(label[self.triangles])])
+            label = least
+
+    def winding(self, point: Array) -> float:
+        """Return how often the triangles wind about a point: the sum of their solid angles over 4 pi.
+
+        Source: A. van Oosterom, J. Strackee (1983), "The solid angle of a plane triangle", equation 8.
+        """
+        if np.linalg.norm(point - self.centre) > self.ball:
+            return 0.0
+        a, b, c = np.moveaxis(self.points[self.triangles] - point, 1, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        across = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+        return float(np.arctan2((a * np.cross(b, c)).sum(axis=1), across).sum() / (2.0 * np.pi))
 
     @property
     def extent(self) -> float:
         """Distance (m) of its farthest point from the frame of its joint; of a half-space, of its surface."""
-        ball = self.ball if self.convex else 0.0
+        ball = self.ball if self.bounded else 0.0
         return float(np.linalg.norm(self.translation) + np.linalg.norm(self.centre)) + ball
 
     def reach(self, directions: Array) -> Array:
@@ -459,7 +543,7 @@ def body_digest(row: Any) -> str:
     shape = row["shape"]
     parts: list[Any] = [row["joint"], row["placement"]]
     if isinstance(shape, dict):
-        parts += [shape[key] for key in Body.SHAPE]
+        parts += [shape[key] for key in (Body.MESH if "triangles" in shape else Body.SHAPE)]
     return _digest(*parts, shape if isinstance(shape, str) else "")
 
 

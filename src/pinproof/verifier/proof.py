@@ -8,7 +8,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from .interval_bounds import Constraint, IntervalBounds
 from .parts import (
@@ -16,6 +15,7 @@ from .parts import (
     Array,
     Body,
     Curve,
+    Indices,
     Joint,
     Refused,
     check_fields,
@@ -30,8 +30,6 @@ from .parts import (
     text,
 )
 
-Indices = npt.NDArray[np.int64]
-
 FORMAT, VERSION = "pinproof proof", 3
 
 ROUNDING = 1e-9
@@ -40,6 +38,12 @@ ROUNDING = 1e-9
 TURNING = 1e3
 """rad or m: the rounding of joint values is within :data:`ROUNDING` up to this sum of all joint values, and
 proportional to the sum beyond it (an angle of 10^3 rad is rounded by 10^-13 rad)."""
+
+OUTSIDE = 0.1
+"""A closed surface winds about a point by a whole number, which is 0 outside. Rounding is far smaller than this."""
+
+MOST_CELLS, MOST_STEPS = 1 << 24, 1 << 31
+"""Largest number of cells that the parts of two meshes form, and of comparisons of a parameter with an interval."""
 
 UNIT = 1e-3
 """Largest error of the length of a direction, which is rounded in the file and normalised here."""
@@ -146,6 +150,28 @@ def verify(document: Any) -> ProofVerdict:
     )
 
 
+class Parts:
+    """The convex parts of meshes that the evidence of a proof names; their numbers follow those of its bodies."""
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        self._all = bodies
+        self._number: dict[tuple[int, int, int], int] = {}
+        self.bodies: list[Body] = []
+
+    def numbers(self, i: int, ranges: Indices) -> Indices:
+        """Return (R,) the numbers of parts of a mesh, given as ranges (R, 2) of its triangles; else that of body i."""
+        if not self._all[i].is_mesh:
+            return np.full(len(ranges), i)
+        different, index_of = np.unique(ranges, axis=0, return_inverse=True)
+        found = []
+        for first, end in different.tolist():
+            number = self._number.setdefault((i, first, end), len(self._all) + len(self.bodies))
+            if number == len(self._all) + len(self.bodies):
+                self.bodies.append(self._all[i].part(first, end))
+            found.append(number)
+        return np.array(found, dtype=np.int64)[index_of.reshape(-1)]
+
+
 class Proof:
     """The parts of a proof file, the mapping of docs/formats/proof.md; raises Refused if one is malformed."""
 
@@ -237,8 +263,8 @@ class Proof:
             raise Refused(f"{where}: must be two bodies")
         i, j = (index(value, 0, len(self.bodies), where) for value in pair)
         a, b = self.bodies[i], self.bodies[j]
-        if i == j or not a.convex or not (b.convex or b.half_space) or a.kind == "obstacle":
-            raise Refused(f"{where}: {a.name} and {b.name} must be two convex bodies, an obstacle second")
+        if i == j or not a.bounded or not (b.bounded or b.half_space) or a.kind == "obstacle":
+            raise Refused(f"{where}: {a.name} and {b.name} must be two bodies with a shape, an obstacle second")
         return i, j
 
     def margin_between(self, i: int, j: int) -> float:
@@ -253,11 +279,10 @@ class Proof:
         """Return the distance (m) to be proven between two bodies: their margin plus the tolerance of an obstacle."""
         return self.margin_between(i, j) + self.tolerance_of(j)
 
-    def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
-        """Return the joints on the path from body i to body j, and how many of them, from the first, move i."""
+    def joints_between(self, a: int, b: int) -> tuple[list[int], int]:
+        """Return the joints on the path from joint a to joint b, and how many of them, from the first, are up."""
         up: list[int] = []
         down: list[int] = []
-        a, b = self.bodies[i].joint, self.bodies[j].joint
         while a != b:  # parents have smaller numbers
             if a > b:
                 up.append(a)
@@ -294,29 +319,20 @@ class Proof:
         """Return the smallest proven distance (m) and the number of intervals; refuse a pair that is not proven."""
         least, count = np.inf, 0
         if self.pairs:
-            # The intervals (R,) of all pairs with their directions (R, 3). Many pairs have the same list of intervals,
-            # so that each list is compared with the curve once.
-            covers: set[bytes] = set()
-            read: list[tuple[Indices, Array]] = []
-            for number_of_pair, pair in enumerate(self.pairs):
-                where = self._name_of(number_of_pair)
-                check_fields(pair, where, ("bodies", "intervals", "directions"))
-                listed, end = items(pair, where, "intervals"), len(self.intervals)
-                mine = np.array([index(row, 0, end, f"{where}.intervals") for row in listed], dtype=np.int64)
-                if mine.tobytes() not in covers:
-                    self._check_cover(self.intervals[mine], where)
-                    covers.add(mine.tobytes())
-                read.append((mine, numbers(pair, where, "directions", (len(mine), 3))))
-            rows, u = (np.concatenate(parts) for parts in zip(*read, strict=True))
-            k, count = np.repeat(np.arange(len(read)), [len(mine) for mine, _ in read]), len(rows)
+            # The intervals (R,) of all pairs with their directions (R, 3), and the two bodies, or parts of meshes, that
+            # each direction separates (R, 2).
+            bodies = [self.members(pair) for pair in range(len(self.pairs))]
+            parts, known = Parts(self.bodies), set[bytes]()
+            read = [self._read_pair(pair, parts, known) for pair in range(len(self.pairs))]
+            rows, u, separated = (np.concatenate(columns) for columns in zip(*read, strict=True))
+            k, count = np.repeat(np.arange(len(read)), [len(mine) for mine, _, _ in read]), len(rows)
             length = np.linalg.norm(u, axis=1)
             bad = k[~(np.abs(length - 1.0) <= UNIT)]
             if len(bad):
                 raise Refused(f"{self._name_of(bad[0])}.directions: must be unit vectors")
             # The distance that the directions prove must be larger than the margin.
-            bodies = [self.members(pair) for pair in range(len(self.pairs))]
-            one, other = np.array(bodies)[k].T
-            bound = IntervalBounds(self, self.intervals).distance(one, other, rows, u / length[:, None])
+            bounds = IntervalBounds(self, self.intervals, parts.bodies)
+            bound = bounds.distance(separated[:, 0], separated[:, 1], rows, u / length[:, None])
             required = np.array([self.required(*pair) for pair in bodies])[k]
             short = np.flatnonzero(~(bound > required))  # also true for NaN
             if len(short):
@@ -325,6 +341,7 @@ class Proof:
                 found = f"on {interval} a distance of {bound[row]:.9g} m is proven"
                 raise Refused(f"{self._name_of(k[row])}: {found}; it must be larger than {required[row]:.9g} m")
             least = float((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min())
+            self._check_outside(bodies)
         claim = member(self.document, "", "claim")
         check_fields(claim, "claim", ("status", "clearance"))
         if member(claim, "claim", "status") != "FREE":
@@ -334,6 +351,85 @@ class Proof:
         if not claimed <= least:
             raise Refused(f"claim.clearance: {claimed:.17g} m is claimed, {least:.17g} m is proven")
         return least, count
+
+    def _read_pair(self, k: int, parts: Parts, known: set[bytes]) -> tuple[Indices, Array, Indices]:
+        """Return intervals (R,), directions (R, 3), and the two bodies or parts that each separates (R, 2).
+
+        A pair is refused if they leave out a parameter of the curve, or a triangle of a mesh at some parameter. Many
+        pairs of convex bodies have the same intervals; what is ``known`` to cover the curve is not compared again.
+        """
+        pair, where, members = self.pairs[k], self._name_of(k), self.members(k)
+        check_fields(pair, where, ("bodies", "intervals", "directions", "parts"))
+        listed, end = items(pair, where, "intervals"), len(self.intervals)
+        rows = np.array([index(row, 0, end, f"{where}.intervals") for row in listed], dtype=np.int64)
+        u = numbers(pair, where, "directions", (len(rows), 3))
+        meshes = [i for i in members if self.bodies[i].is_mesh]
+        if not meshes:
+            if "parts" in pair:
+                raise Refused(f"{where}.parts: must be missing, since both bodies are convex")
+            if rows.tobytes() not in known:
+                self._check_cover(self.intervals[rows], where)
+                known.add(rows.tobytes())
+            return rows, u, np.tile(members, (len(rows), 1))
+        # The first triangle, and the one after the last, of each part of a mesh.
+        stated = numbers(pair, where, "parts", (len(rows), 2 * len(meshes)), LARGEST_PARAMETER)
+        stated = stated.reshape(len(rows), len(meshes), 2)
+        count = np.array([self.bodies[i].pieces for i in meshes])
+        first, after = stated[..., 0], stated[..., 1]
+        if not ((stated % 1 == 0).all() and (first >= 0).all() and (first < after).all() and (after <= count).all()):
+            raise Refused(f"{where}.parts: must be the first of some triangles, and the one after the last")
+        column = dict(zip(meshes, np.moveaxis(stated.astype(np.int64), 1, 0), strict=True))
+        whole = np.tile(np.array([0, 1]), (len(rows), 1))
+        ranges = np.stack([column.get(i, whole) for i in members], axis=1)
+        self._check_parts(self.intervals[rows], ranges, where, members)
+        return rows, u, np.stack([parts.numbers(i, ranges[:, side]) for side, i in enumerate(members)], axis=1)
+
+    def _check_parts(self, intervals: Array, ranges: Indices, where: str, members: tuple[int, int]) -> None:
+        """Refuse intervals (R, 2) whose parts (R, 2, 2) of two bodies leave out a pair of triangles at some parameter.
+
+        Between two consecutive ends of intervals, the parts that are apart are rectangles in the plane of the numbers
+        of the triangles of both bodies. Each cell of this plane must be in one of them.
+        """
+        times = np.unique([self.curve.low, self.curve.high, *intervals.reshape(-1)])
+        begins, ends = (times, times) if self.curve.single else (times[:-1], times[1:])
+        if len(times) * len(intervals) > MOST_STEPS:
+            raise Refused(f"{where}.parts: are too many")
+        for begin, end in zip(begins, ends, strict=True):
+            valid = ranges[(intervals[:, 0] <= begin) & (intervals[:, 1] >= end)]
+            if not len(valid):
+                raise Refused(f"{where}: nothing is proven between the parameters {begin:.17g} and {end:.17g}")
+            lines = [
+                np.unique([0, self.bodies[i].pieces, *valid[:, side].reshape(-1)]) for side, i in enumerate(members)
+            ]
+            if len(lines[0]) * len(lines[1]) > MOST_CELLS:
+                raise Refused(f"{where}.parts: are too many")
+            # How many rectangles begin or end at each corner of a cell, and from their sums, how many contain it.
+            number = np.zeros((len(lines[0]), len(lines[1])), dtype=np.int64)
+            at = [np.searchsorted(line, valid[:, side]) for side, line in enumerate(lines)]
+            for one, other in product((0, 1), (0, 1)):
+                np.add.at(number, (at[0][:, one], at[1][:, other]), 1 if one == other else -1)
+            missing = np.argwhere(number.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] < 1)
+            if len(missing):
+                a, b = (int(line[cell]) for line, cell in zip(lines, missing[0], strict=True))
+                stated = f"triangle {a} of {self.bodies[members[0]].name} and {b} of {self.bodies[members[1]].name}"
+                raise Refused(f"{where}.parts: leave out {stated} at the parameter {begin:.17g}")
+
+    def _check_outside(self, pairs: Sequence[tuple[int, int]]) -> None:
+        """Refuse a body of a pair that is inside the mesh of the other at the start of the curve.
+
+        Their surfaces are apart on the whole curve, so that a part that begins outside stays outside.
+        """
+        start = IntervalBounds(self, np.array([[self.curve.low, self.curve.low]]))
+        for outer, inner in {*pairs, *((j, i) for i, j in pairs)}:
+            mesh, other = self.bodies[outer], self.bodies[inner]
+            if not mesh.solid:
+                continue
+            (turn, shift), (other_turn, other_shift) = (start.placed(body.joint) for body in (mesh, other))
+            points = other.witnesses @ other.rotation.T + other.translation
+            points = (points @ other_turn[0].T + other_shift[0] - shift[0]) @ turn[0]
+            for point in (points - mesh.translation) @ mesh.rotation:
+                if not abs(mesh.winding(point)) < OUTSIDE:
+                    raise Refused(f"{other.where}: a part of {other.name} is inside {mesh.name}, or in its surface")
 
     def _name_of(self, k: int) -> str:
         i, j = self.members(k)

@@ -521,8 +521,7 @@ class Certificate(Shown):
         Raises
         ------
         InputError
-            If nothing was recorded, the verdict is not FREE, the file name has another suffix, or a checked body is not
-            convex, so that no separating direction exists.
+            If nothing was recorded, the verdict is not FREE, or the file name has another suffix.
         NotProvenFree
             If the verifier cannot confirm the proof.
         FileError

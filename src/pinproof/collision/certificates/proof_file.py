@@ -13,13 +13,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Shape as CoreShape
+from pinproof._core import separating_directions
 from pinproof.collision.certificates.path_constraints import (
     ConstraintProof,
     LookAt,
@@ -35,6 +37,7 @@ from pinproof.collision.geometry.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.common.structs import (
     ANY_TEXT,
+    BOOLEAN,
     COUNT,
     NOT_NEGATIVE,
     NULL,
@@ -56,7 +59,18 @@ from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm, JointGroup, JointLimits, joint_axis
 from pinproof.motion import Curve, LimitCheck, TimedCurve
 from pinproof.spatial import SE3, Array
-from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
+from pinproof.verifier import (
+    FORMAT,
+    VERSION,
+    IntervalBounds,
+    Parts,
+    Proof,
+    ProofVerdict,
+    Refused,
+    body_digest,
+    load,
+    verify,
+)
 
 HASH = simple({"type": "string", "pattern": "^[0-9a-f]{64}$"})
 JOINT = integer(-1)
@@ -156,10 +170,22 @@ SHAPE = Table(
     required("semi_axes", vector(3, NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
 )
 
+MESH = Table(
+    "mesh",
+    "Triangles. Their order is free; the makers of proofs order them so that ranges of them are close together.",
+    required("vertices", list_of(VECTOR, 1), "(V, 3) the corners of triangles", "m"),
+    required("triangles", list_of(list_of(COUNT, 3, 3), 1), "(F, 3) indices of the three corners of each"),
+    required(
+        "solid",
+        BOOLEAN,
+        "whether the points about which the triangles wind belong to the body; then they must enclose a volume",
+    ),
+)
+
 PROOF_BODY = Table(
     "body",
-    "A convex body. All bodies of a geometry on one level represent it: one hull, or several closer ones. A pair may "
-    "be proven on any level.",
+    "A convex body, or a mesh. All bodies of a geometry on one level represent it: one hull, or several closer ones. A "
+    "pair may be proven on any level.",
     required("name", TEXT, "unique in the file"),
     required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
     required("kind", choice("link", "attached", "obstacle"), "kind of the owner"),
@@ -171,17 +197,24 @@ PROOF_BODY = Table(
     required("placement", PLACEMENT, "joint_from_body", "m"),
     required(
         "shape",
-        any_of(SHAPE, choice("half_space"), NULL),
-        "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
+        any_of(SHAPE, MESH, choice("half_space"), NULL),
+        "a convex shape; a mesh; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
     ),
     required("sha256", HASH, "hash of the numbers of the body, see below"),
 )
 
 PAIR = Table(
     "pair",
-    "The evidence for one pair of bodies: on each interval a direction along which they are apart.",
+    "The evidence for one pair of bodies: on each interval a direction along which they are apart. A mesh is apart in "
+    "parts, each a range of its triangles.",
     required("bodies", list_of(COUNT, 2, 2), "indices of the two bodies, an obstacle second"),
     required("intervals", list_of(COUNT), "indices of intervals, which together cover the curve"),
+    Key(
+        "parts",
+        list_of(list_of(COUNT, 2, 4)),
+        "with one mesh or two: for each interval the first triangle of the part of each mesh, and the one after its "
+        "last; at every parameter of the curve the parts together are all pairs of triangles",
+    ),
     required(
         "directions",
         list_of(VECTOR),
@@ -270,14 +303,6 @@ def write_proof(certificate: Any, curve: Curve, checker: CollisionChecker, path:
 
 def proof_document(certificate: Any, curve: Curve, checker: CollisionChecker) -> dict[str, Any]:
     """Return the content of a proof file of a FREE certificate with evidence; NotProvenFree if it is not confirmed."""
-    # A direction is evidence for convex bodies only.
-    met = {i for pair in checker.pairs for i in pair}
-    if surfaces := [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]:
-        remedy = "Mesh(hull=True), or boxes in its place"
-        if any(body.link is not None for body in surfaces):
-            remedy = 'links with link_meshes="decomposed" or "hull", and no finer_at'
-        names = ", ".join(body.name for body in surfaces)
-        raise InputError(f"a proof covers convex bodies only, and {names} are not convex: use {remedy}")
     (knots, control), arm, tube = curve.bezier(), checker.group, certificate.tube
     margins: dict[frozenset[str], list[Any]] = {}
     for k, margin in enumerate(checker.margins.tolist()):
@@ -332,57 +357,119 @@ def proof_document(certificate: Any, curve: Curve, checker: CollisionChecker) ->
     return document
 
 
+class _Claims(NamedTuple):
+    """What is to be proven: parts of two bodies are apart on an interval, along a direction."""
+
+    pair: Indices
+    """(R,) the pair of bodies."""
+    spans: Array
+    """(R, 2) start and end of the interval."""
+    ranges: Indices
+    """(R, 2, 2) the triangles of each body, from the first to the one after the last; a convex body is a single one."""
+    u: Array
+    """(R, 3) the direction; zeros: not known."""
+
+    def select(self, rows: npt.NDArray[np.bool_]) -> _Claims:
+        return _Claims(self.pair[rows], self.spans[rows], self.ranges[rows], self.u[rows])
+
+    @staticmethod
+    def join(parts: Sequence[_Claims]) -> _Claims:
+        pair, spans, ranges, u = zip(*parts, strict=True)
+        return _Claims(np.concatenate(pair), np.concatenate(spans), np.concatenate(ranges), np.concatenate(u))
+
+    def divided(self, size: Array) -> list[_Claims]:
+        """Return halves of these claims without directions: of the larger part of a mesh, otherwise of the interval.
+
+        ``size`` (R, 2) is that of each part; below 0, it cannot be divided.
+        """
+        in_time = size.max(axis=1) < 0.0
+        spans, ranges = np.stack([self.spans] * 2), np.stack([self.ranges] * 2)
+        spans[:, in_time] = _halves(self.spans[in_time])
+        row, side = np.flatnonzero(~in_time), size.argmax(axis=1)[~in_time]
+        ranges[0, row, side, 1] = ranges[1, row, side, 0] = self.ranges[row, side].sum(axis=1) // 2
+        return [_Claims(self.pair, spans[k], ranges[k], np.zeros_like(self.u)) for k in (0, 1)]
+
+
 def _evidence(proof: Proof, certificate: Any, checker: CollisionChecker) -> tuple[list[Any], list[Any]]:
     """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
 
-    NotProvenFree if the bounds of the verifier do not prove a pair apart on an interval, however small.
+    A mesh is divided into ranges of its triangles until each is apart along one direction. NotProvenFree if the bounds
+    of the verifier do not prove a pair apart on an interval, however small.
     """
-    # The evidence of the certificate, and the pairs that no joint moves: a direction of zeros is not known.
+    # The evidence of the certificate, and the pairs that no joint moves, for which no direction is known.
     rows, still = final_evidence(certificate.evidence), checker.still_pairs
-    pair = np.concatenate([rows[:, EVIDENCE_PAIR].astype(np.int64), still])
-    spans = np.concatenate([rows[:, :2], np.tile((proof.curve.low, proof.curve.high), (len(still), 1))])
-    u = np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))])
     bodies = np.array(checker.pairs, dtype=np.int64).reshape(-1, 2)
+    pieces = np.array([body.pieces for body in proof.bodies], dtype=np.int64)
+    of_mesh = np.array([body.is_mesh for body in proof.bodies], dtype=bool)[bodies]
+    pair = np.concatenate([rows[:, EVIDENCE_PAIR].astype(np.int64), still])
+    claims = _Claims(
+        pair,
+        np.concatenate([rows[:, :2], np.tile((proof.curve.low, proof.curve.high), (len(still), 1))]),
+        np.stack([np.zeros_like(bodies), pieces[bodies]], axis=2)[pair],
+        np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))]),
+    )
     need = np.array([proof.required(i, j) for i, j in checker.pairs])
     moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
     # The claimed clearance is to be proven too.
     need = np.maximum(need, certificate.clearance - CONFIRMED + moved)
-    done: list[tuple[Indices, Array, Array]] = []
-    fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
+    parts, shapes = Parts(proof.bodies), [body.core_shape for body in checker.bodies]
+    done: list[_Claims] = []
     for _ in range(ROUNDS):
-        if not len(pair):
+        if not len(claims.pair):
             break
-        table, at = np.unique(spans, axis=0, return_inverse=True)
-        at = at.reshape(-1)
-        bounds_of_table = IntervalBounds(proof, table)
-        unknown = ~u.any(axis=1)
-        for k in np.flatnonzero(unknown):
-            u[k] = np.round(checker._placed(bounds_of_table.q[at[k]]).measure(int(pair[k])).normal, DIGITS)
-        fresh |= unknown
-        # Intervals on which the bound of the verifier exceeds the required distance are done.
-        unit = u / np.linalg.norm(u, axis=1, keepdims=True)
-        good = bounds_of_table.distance(bodies[pair, 0], bodies[pair, 1], at, unit) > need[pair]
-        done.append((pair[good], spans[good], u[good]))
-        pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
-        # An interval that fails with its own direction is bisected; the others first get their own direction.
-        spans = np.concatenate([spans[~fresh], *_halves(spans[fresh])])
-        pair = np.concatenate([pair[~fresh], pair[fresh], pair[fresh]])
-        u, fresh = np.zeros((len(pair), 3)), np.zeros(len(pair), dtype=bool)
-    if len(pair):
-        a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
-        raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
+        table, at = np.unique(claims.spans, axis=0, return_inverse=True)
+        at, both = at.reshape(-1), bodies[claims.pair]
+        members = both.copy()
+        for side in (0, 1):
+            for i in np.unique(both[:, side]).tolist():
+                mine = both[:, side] == i
+                members[mine, side] = parts.numbers(i, claims.ranges[mine, side])
+        bounds = IntervalBounds(proof, table, parts.bodies)
+        # Directions that are not known: by the checker's own pairs, and by the shapes of parts of meshes.
+        unknown = ~claims.u.any(axis=1)
+        meshes = unknown & of_mesh[claims.pair].any(axis=1)
+        for k in np.flatnonzero(unknown & ~meshes).tolist():
+            measured = checker._placed(bounds.q[at[k]]).measure(int(claims.pair[k]))
+            claims.u[k] = np.round(measured.normal, DIGITS)
+        shapes += [_hull_of(part.points) for part in parts.bodies[len(shapes) - len(proof.bodies) :]]
+        frames = [bounds.frames(members[meshes, side], at[meshes]).reshape(-1, 16) for side in (0, 1)]
+        a, b = ([shapes[i] for i in members[meshes, side].tolist()] for side in (0, 1))
+        claims.u[meshes] = np.round(separating_directions(a, b, *frames), DIGITS)
+        # Claims whose bound by the verifier exceeds the required distance are done.
+        unit = claims.u / np.linalg.norm(claims.u, axis=1, keepdims=True)
+        good = bounds.distance(members[:, 0], members[:, 1], at, unit) > need[claims.pair]
+        done.append(claims.select(good))
+        # What fails with its own direction is divided; the others first get their own direction.
+        divisible = claims.ranges[..., 1] - claims.ranges[..., 0] > 1
+        size = np.where(divisible, bounds.balls(members), -1.0)
+        others = claims.select(~good & ~unknown)
+        bad = ~good & unknown
+        halves = claims.select(bad).divided(size[bad])
+        claims = _Claims.join([others._replace(u=np.zeros_like(others.u)), *halves])
+    if len(claims.pair):
+        one, other = (checker.bodies[i].name for i in checker.pairs[int(claims.pair[0])])
+        raise NotProvenFree(f"the verifier cannot confirm that {one} and {other} are apart at {claims.spans[0, 0]:.6g}")
     if not done:
         return [], []
     # The intervals of each pair, in their order; equal intervals are listed once.
-    pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
-    table, at = np.unique(spans, axis=0, return_inverse=True)
-    order = np.lexsort([spans[:, 0], pair])
-    groups = np.split(order, np.searchsorted(pair[order], np.arange(1, len(checker.pairs))))
-    listed = [
-        {"bodies": list(members), "intervals": at.reshape(-1)[mine].tolist(), "directions": u[mine].tolist()}
-        for members, mine in zip(checker.pairs, groups, strict=True)
-    ]
+    proven = _Claims.join(done)
+    table, at = np.unique(proven.spans, axis=0, return_inverse=True)
+    order = np.lexsort([proven.ranges[:, 1, 0], proven.ranges[:, 0, 0], proven.spans[:, 0], proven.pair])
+    groups = np.split(order, np.searchsorted(proven.pair[order], np.arange(1, len(checker.pairs))))
+    listed = []
+    for k, mine in enumerate(groups):
+        row: dict[str, Any] = {"bodies": list(checker.pairs[k]), "intervals": at.reshape(-1)[mine].tolist()}
+        row["directions"] = proven.u[mine].tolist()
+        if of_mesh[k].any():
+            row["parts"] = proven.ranges[mine][:, of_mesh[k]].reshape(len(mine), -1).tolist()
+        listed.append(row)
     return table.tolist(), listed
+
+
+def _hull_of(points: Array) -> CoreShape:
+    """Return the hull of points (V, 3) as the compiled core uses it."""
+    box = np.array([points.min(axis=0), points.max(axis=0)])
+    return CoreShape.convex(points, np.zeros(len(points)), 0.0, np.zeros(3), box)
 
 
 def final_evidence(evidence: Array | None) -> Array:
@@ -507,11 +594,30 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 def _shape(body: Body) -> Any:
     if isinstance(body.geometry, coal.Halfspace):
         return "half_space"
-    if body.support is None:
+    if body.solid is not None:
+        corners = _in_tree_order(body.solid.surface)
+        vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+        triangles = index.reshape(-1, 3).tolist()
+        return {"vertices": vertices.tolist(), "triangles": triangles, "solid": body.solid.watertight}
+    if (s := body.support) is None:
         return None
-    s = body.support
     parts = (s.points.tolist(), s.disc_radii.tolist(), float(s.radius), s.semi_axes.tolist())
     return dict(zip(SHAPE.names, parts, strict=True))
+
+
+def _in_tree_order(corners: Array) -> Array:
+    """Return triangles (F, 3, 3) in an order in which each half, quarter and so on of them is close together.
+
+    A range is divided in its middle, which is the median along the longest side of the box around the centres.
+    """
+    centres, order, begins = corners.sum(axis=1), np.arange(len(corners)), np.array([0])
+    while (sizes := np.diff(begins, append=len(order))).max() > 1:
+        group = np.repeat(np.arange(len(begins)), sizes)
+        low, high = (side.reduceat(centres[order], begins, axis=0) for side in (np.minimum, np.maximum))
+        along = centres[order, (high - low).argmax(axis=1)[group]]
+        order = order[np.lexsort([order, along, group])]
+        begins = np.unique([begins, begins + sizes // 2])
+    return np.asarray(corners[order])
 
 
 def _placed(place: pin.SE3) -> list[list[float]]:

@@ -52,7 +52,7 @@ MESHES_KEPT = 128
 
 MOST_PIECES = 64
 """Maximum number of convex pieces of a mesh. For a bin of 29 pieces, checks of a UR5 take 1.1 times and certificates
-1.4 times as long as for the hull of the bin; for its triangles 6 and 10 times, and such proofs cannot be saved."""
+1.4 times as long as for the hull of the bin; for its triangles 6 and 10 times."""
 
 MOST_EXCESS = 1e-3
 """Maximum distance (m) that convex pieces may extend beyond a mesh, less than the usual margin of a robot cell; if they
@@ -398,7 +398,7 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
             f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "
-            f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs cannot be saved"
+            f"{MOST_EXCESS * 1e3:g} mm; checks take longer"
         )
         return False, (), remark
     if len(cover.points) == 1:

@@ -170,8 +170,8 @@ SHAPE = Table(
     required("semi_axes", vector(3, NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
 )
 
-MESH = Table(
-    "mesh",
+TRIANGLES = Table(
+    "triangles",
     "Triangles. Their order is free; the makers of proofs order them so that ranges of them are close together.",
     required("vertices", list_of(VECTOR, 1), "(V, 3) the corners of triangles", "m"),
     required("triangles", list_of(list_of(COUNT, 3, 3), 1), "(F, 3) indices of the three corners of each"),
@@ -197,7 +197,7 @@ PROOF_BODY = Table(
     required("placement", PLACEMENT, "joint_from_body", "m"),
     required(
         "shape",
-        any_of(SHAPE, MESH, choice("half_space"), NULL),
+        any_of(SHAPE, TRIANGLES, choice("half_space"), NULL),
         "a convex shape; a mesh; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
     ),
     required("sha256", HASH, "hash of the numbers of the body, see below"),

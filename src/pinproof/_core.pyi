@@ -482,6 +482,9 @@ class Shape:
 def separating_directions(
     a: Sequence[Shape], b: Sequence[Shape], root_from_a: NDArray[numpy.float64], root_from_b: NDArray[numpy.float64]
 ) -> NDArray[numpy.float64]: ...
+def hull_space(
+    planes: NDArray[numpy.float64], points: NDArray[numpy.float64], directions: NDArray[numpy.float64], enough: float
+) -> NDArray[numpy.float64]: ...
 
 class Body:
     def __init__(self, shape: Shape, joint: int, joint_from_body: NDArray[numpy.float64]) -> None: ...

@@ -19,7 +19,6 @@ from scipy.spatial import ConvexHull as Hull
 import pinproof as pp
 from pinproof.collision import hull_triangles
 from pinproof.collision.geometry import convex_pieces as module
-from pinproof.collision.geometry import hulls
 from pinproof.collision.geometry.bodies import MOST_EXCESS, hull_body, shape_bodies
 from pinproof.collision.geometry.convex_pieces import PIECES, clusters, convex_pieces, kept_convex_pieces
 from pinproof.collision.geometry.hulls import PointHull, Solid, connected_parts, cut_crossing, with_area
@@ -527,9 +526,7 @@ def test_pieces_are_equal_with_and_without_the_cache(mesh, tmp_path, monkeypatch
     assert len(list(tmp_path.glob("*.npz"))) == 3
 
 
-@pytest.mark.parametrize("products", [1, 100, 2**20])
-def test_the_space_to_a_hull_is_the_distance_along_the_normal_in_blocks_of_any_size(products, monkeypatch) -> None:
-    monkeypatch.setattr(hulls, "PRODUCTS", products)
+def test_the_space_to_a_hull_is_the_distance_along_the_normal() -> None:
     rng = np.random.default_rng(0)
     cloud = rng.normal(size=(30, 3))
     hull, planes = PointHull(cloud), ConvexHull(cloud).equations

@@ -2,6 +2,7 @@
 #include <bit>
 
 #include "bindings/structs.h"
+#include "collision/hull_space.h"
 #include "collision/mesh.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
@@ -71,6 +72,21 @@ void bind_shapes(nb::module_& module) {
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     module.def("separating_directions", &separating_directions, "a"_a, "b"_a, "root_from_a"_a, "root_from_b"_a,
                "(N, 3) the unit vectors in the root frame from convex shapes a to shapes b at placements (N, 16).");
+    module.def(
+        "hull_space",
+        [](const Matrix& planes, const Matrix& points, const Matrix& directions, double enough) {
+            std::vector<FacePlane> faces;
+            const double* p = shaped("planes", planes, {kAny, 4}).data();
+            for (std::size_t e = 0; e < planes.shape(0); ++e, p += 4) faces.push_back({{p[0], p[1], p[2]}, p[3]});
+            const double* x = shaped("points", points, {kAny, 3}).data();
+            const double* d = shaped("directions", directions, {points.shape(0), 3}).data();
+            return filled<double>({points.shape(0)}, [&](double* space) {
+                for (std::size_t i = 0; i < points.shape(0); ++i, x += 3, d += 3)
+                    space[i] = hull_space(faces, {x[0], x[1], x[2]}, {d[0], d[1], d[2]}, enough);
+            });
+        }, "planes"_a, "points"_a, "directions"_a, "enough"_a,
+        "(N,) the distance (m) from points (N, 3) in the hull of planes (E, 4) to its surface along unit directions "
+        "(N, 3), exact above `enough`.");
 }
 
 std::shared_ptr<Obstacles> make_obstacles(const std::vector<Body>& bodies) {

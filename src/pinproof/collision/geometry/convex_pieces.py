@@ -430,26 +430,26 @@ def _joined(cells: list[tuple[PointHull, Samples]], tolerance: float) -> list[Po
     """Join two pieces while their common hull is nowhere farther than ``tolerance`` (m) from the surface."""
     alive = dict(enumerate(cells))
     number = len(cells)
-    tried: set[tuple[int, int]] = set()
+    common: dict[tuple[int, int], tuple[float, PointHull] | None] = {}  # volume that is added; None: does not fit
     while True:
-        best: tuple[float, int, int, PointHull] | None = None
         for i, j in combinations(alive, 2):
-            if (i, j) in tried:
+            if (i, j) in common:
                 continue
             (one, samples_one), (other, samples_other) = alive[i], alive[j]
             hull = PointHull(np.concatenate([one.points, other.points]))
             more = hull.volume - one.volume - other.volume
-            area = max(float(np.prod(np.ptp(hull.points, axis=0))) ** (2 / 3), 1e-12)
-            deep = max(float(hull.space(*samples).max(initial=0.0)) for samples in (samples_one, samples_other))
             # Two flat pieces apart may have no surface between them, so the volume has to agree as well.
-            if deep > tolerance or more > tolerance * area:
-                tried.add((i, j))
-            elif best is None or more < best[0]:
-                best = more, i, j, hull
-        if best is None:
+            area = max(float(np.prod(np.ptp(hull.points, axis=0))) ** (2 / 3), 1e-12)
+            fits = more <= tolerance * area
+            fits = fits and not any(hull.has_space(*samples, tolerance) for samples in (samples_one, samples_other))
+            common[i, j] = (more, hull) if fits else None
+        fitting = [(found[0], pair) for pair, found in common.items() if found is not None]
+        if not fitting:
             return [hull for hull, _ in alive.values()]
-        _, i, j, hull = best
+        i, j = min(fitting)[1]
+        hull = common[i, j][1]  # type: ignore[index]  # it fits
         (points, normals), (more_points, more_normals) = alive.pop(i)[1], alive.pop(j)[1]
+        common = {pair: found for pair, found in common.items() if not {i, j} & {*pair}}
         number += 1
         alive[number] = hull, (np.concatenate([points, more_points]), np.concatenate([normals, more_normals]))
 

@@ -16,14 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Shape as CoreShape
+from pinproof._core import hull_space
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
 Indices = npt.NDArray[np.int64]
 """Indices of nodes, or of vertices (F, 3)."""
-
-PRODUCTS = 2**20
-"""Products of a point and a plane that are computed at once: 8 MB."""
 
 
 def with_area(corners: Array) -> tuple[Array, Array, Array]:
@@ -95,26 +93,13 @@ class PointHull:
 
     def space(self, points: Array, normals: Array) -> Array:
         """Return how far (m) it is from points (N, 3) in the hull along unit normals (N, 3) to its surface."""
-        space = np.zeros(len(points))
-        for rows in self._blocks(points):
-            space[rows] = self._block_space(points[rows], normals[rows])
-        return space
+        if len(self.planes) == 0:
+            return np.zeros(len(points))
+        return hull_space(self.planes, points, normals, -1.0)
 
     def has_space(self, points: Array, normals: Array, tolerance: float) -> bool:
-        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface; stops at the first."""
-        return any((self._block_space(points[r], normals[r]) > tolerance).any() for r in self._blocks(points))
-
-    def _blocks(self, points: Array) -> list[slice]:
-        """Rows of points by blocks: a CAD mesh has 500,000 samples and 3,000 planes, and their product is 12 GB."""
-        if len(self.planes) == 0:
-            return []
-        rows = max(1, PRODUCTS // len(self.planes))
-        return [slice(i, i + rows) for i in range(0, len(points), rows)]
-
-    def _block_space(self, points: Array, normals: Array) -> Array:
-        height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
-        slope = normals @ self.planes[:, :3].T
-        return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
+        """Whether it is farther than ``tolerance`` (m) from any of the points to its surface."""
+        return len(self.planes) > 0 and bool((hull_space(self.planes, points, normals, tolerance) > tolerance).any())
 
 
 FLAT = 1e-6

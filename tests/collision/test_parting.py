@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.collision import HeightMap
+from pinproof._core import Departure, SeparationSettings, separate
+from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
 from pinproof.collision.certificates.certificate import Parting
-from pinproof.collision.checking.separation import MovingBody, directions_to_facets, unit_vectors
+from pinproof.collision.checking.placed_bodies import MeasureByCoal
+from pinproof.collision.checking.separation import NO_DIRECTIONS, directions_to_facets
 from pinproof.motion import Bezier, CubicPath
 
 from ..examples import examples
@@ -229,7 +231,7 @@ def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
     q = rng.uniform(-2, 2, arm.dof)
     body, _ = checker.pairs[pair]
     normal = rng.normal(size=3)
-    departure = MovingBody(checker, body).departure(normal / np.linalg.norm(normal), float(rng.normal()))
+    departure = Departure(checker.world, body, normal / np.linalg.norm(normal), float(rng.normal()))
     piece = q + rng.choice([0.002, 0.05, 0.5]) * rng.normal(size=(rng.integers(2, 6), arm.dof))
     decrease, motion = departure.decrease(piece)
     gaps = np.array([departure.gap(p) for p in Bezier(np.array([0.0, 1.0]), piece[None]).at(np.linspace(0, 1, 80))])
@@ -541,9 +543,98 @@ def test_the_note_of_a_parting_states_a_gap_of_zero_without_a_sign() -> None:
     assert "gap 0.00 mm" in str(parting)
 
 
-def test_only_unit_vectors_are_directions_of_separation() -> None:
-    """Along any other, a gap would be no distance."""
-    rows = [[0, 0, 0], [np.nan, 0, 0], [0, 0, 1], [0, 2, 0], [0, 1e-160, 0], [0, 0.5, 0], [0.6, 0, 0.8 + 4e-7]]
-    found = unit_vectors(np.array(rows, dtype=float))
-    np.testing.assert_allclose(found, [[0, 0, 1], [0.6, 0, 0.8]], atol=1e-6)
-    assert np.linalg.norm(found, axis=1) == pytest.approx(1.0, abs=1e-15)
+def separated(checker, pairs, knots, control, *, near=np.inf, more=NO_DIRECTIONS, deepest=1.0):
+    settings = SeparationSettings(near, deepest, 0.0, 1e-4, 5000)
+    return separate(checker.world, np.array(pairs), knots, control, settings, more)
+
+
+def test_only_unit_vectors_are_directions_of_separation(gantry) -> None:
+    """Along any other, a gap would be no distance, and nothing ever approaches."""
+    checker = pp.CollisionChecker(gantry, pp.Scene([TABLE]), attached=[PART])
+    (pair,) = checker.pairs_of_owners("part", "table")
+    control = np.array([[[0.0, 0.0, 0.0], [0.0, -0.1, 0.0]]])  # pressed down
+    rows = [[0, 0, 0], [np.nan, 0, 0], [0, 2, 0], [0, 1e-160, 0], [0, 0.5, 0]]
+    (found,) = separated(checker, [pair], np.array([0.0, 1.0]), control, more=np.array(rows, dtype=float))
+    assert [group.proof.until for group in found.groups] == [np.inf]
+    slanted = np.array([[0.6, 0.0, 0.8 + 4e-7]])
+    control[0, :, 1] = -0.05, 0.1  # from below the surface, so that no axis separates them at first
+    control[0, 1, 0] = 1.0
+    (found,) = separated(checker, [pair], np.array([0.0, 1.0]), control, more=slanted)
+    assert all(np.linalg.norm(group.normal) == pytest.approx(1.0, abs=1e-15) for group in found.groups)
+
+
+def reach_in(body, at, directions):
+    """The largest extent of a convex body at a placement along directions (d, 3), by its support function."""
+    return directions @ at[:3, 3] + body.support.reach(directions @ at[:3, :3])
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@examples(60)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_random_pairs_separate_as_numpy_and_coal_find(request, name, seed):
+    """Parts of any shape beside obstacles of any shape, on random pieces of curves, against dense samples."""
+    arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
+    shapes = [pp.Box(0.1, 0.05, 0.2), pp.Cylinder(0.05, 0.3), pp.Capsule(0.02, 0.3), pp.Sphere(0.08)]
+    shapes += [Ellipsoid(0.05, 0.1, 0.15), Cone(0.06, 0.2), ConvexHull(rng.normal(size=(9, 3)) * 0.08)]
+    part = pp.Obstacle("part", shapes[rng.integers(len(shapes))], pp.pose((0, 0, 0.2)))
+    q = rng.uniform(-2, 2, arm.dof)
+    near = arm.forward_kinematics(q) * pp.pose(
+        rng.uniform([-0.15, -0.15, 0.05], [0.15, 0.15, 0.35]), rng.uniform(-3, 3, 3)
+    )
+    ground = pp.Obstacle("ground", pp.HalfSpace(), pp.pose((0, 0, near.translation[2] - 0.15)))
+    thing = pp.Obstacle("thing", shapes[rng.integers(len(shapes))], near)
+    checker = pp.CollisionChecker(arm, pp.Scene([thing, ground]), attached=[part], margin=0.001)
+    pairs = [*checker.pairs_of_owners("part", "thing"), *checker.pairs_of_owners("part", "ground")]
+    steps = rng.choice([0.01, 0.1, 0.4]) * rng.normal(size=(3, 4, arm.dof)) * rng.choice([0.2, 1.0], size=(3, 1, 1))
+    control = q + np.cumsum(steps.reshape(-1, arm.dof), axis=0).reshape(3, 4, arm.dof)
+    control[0, 0] = q
+    control[1:, 0] = control[:-1, -1]  # it does not jump
+    knots = np.array([0.0, 1.0, 2.5, 3.0])
+    coals = -rng.normal(size=(4, 3))
+    coals /= np.linalg.norm(coals, axis=1)[:, None]
+    required = 0.001 + 2 * checker.rounding
+    for pair, found in zip(pairs, separated(checker, pairs, knots, control, more=coals), strict=True):
+        a, b = checker.indices_of(pair)
+        body, other = checker.bodies[a], checker.bodies[b]
+        at, still = checker._placed(q).root_from_body(a), other.link_from_body.homogeneous
+        measured = checker._placed(q).measure(pair)
+        assert found.overlaps == (measured.proven <= 0)
+        # The candidates, and their gaps by the support functions.
+        axes = still[:3, :3].T
+        tried = np.array([[0.0, 0.0, 1.0], *axes, *-axes, *coals])
+        if not found.overlaps:
+            tried = np.concatenate([tried, -measured.normal[None]])
+        if other.support is None:
+            tried = axes[2:]
+        levels = tried @ still[:3, 3] if other.support is None else reach_in(other, still, tried)
+        gaps = -reach_in(body, at, -tried) - levels
+        assert found.gap == pytest.approx(gaps.max(), abs=1e-9)
+        (group,) = found.groups
+        chosen = int(np.abs(tried - group.normal).sum(axis=1).argmin())
+        np.testing.assert_allclose(tried[chosen], group.normal, atol=1e-9)
+        assert group.level == pytest.approx(levels[chosen], abs=1e-9)
+        assert group.gap == pytest.approx(gaps[chosen], abs=1e-9)
+        assert group.gap >= min(gaps.max(), 0.0) - 2e-9
+        # Until the end of the proof it does not approach; after `until`, coal finds them apart.
+        curve, proof = Bezier(knots, control), group.proof
+        times = np.linspace(knots[0], proof.end, 200)
+        sampled = curve.at(times)
+        along = []
+        for each in sampled:
+            placed = checker._placed(each).root_from_body(a)
+            along.append(float(-reach_in(body, placed, -group.normal[None])[0] - group.level))
+            if each is not sampled[0] and times[len(along) - 1] >= proof.until:
+                assert along[-1] > required - 1e-9
+                assert MeasureByCoal()(body, placed, other, still).distance > 0.001
+        assert (np.maximum.accumulate(along) - along).max() <= 2e-9
+        assert group.slack == pytest.approx(along[-1] - required, abs=1e-9)
+        if proof.until == np.inf:  # then no other direction separates them either, or has a longer span
+            for k in np.flatnonzero(gaps >= min(gaps.max(), 0.0)):
+                alone = separated(checker, [pair], knots, control, more=tried[k : k + 1])[0].groups[0]
+                assert alone.proof.until == np.inf
+        # A pair that is farther apart than is close needs no direction.
+        for margin in (0.999, 1.001):
+            beyond = margin * (measured.proven - required)
+            if measured.proven > required + 0.001:
+                (near,) = separated(checker, [pair], knots, control, near=beyond, more=coals)
+                assert near.far == (margin < 1)

@@ -190,8 +190,15 @@ def settings(**changes: Any) -> Any:
 
 
 def departure(**changes: Any) -> Any:
-    values = {"body": 1, "hull": cube(), "normal": np.array([0.0, 0.0, 1.0]), "level": 0.0, **changes}
+    values = {"body": 1, "normal": np.array([0.0, 0.0, 1.0]), "level": 0.0, **changes}
     return _core.Departure(world(), **values)
+
+
+def separate(pairs: Any = (1,), knots: Any = None, control: Any = None, more: Any = None, **changes: Any) -> Any:
+    values = {"near": 10.0, "deepest": 1e-3, "displaced": 0.0, "tolerance": 1e-4, "max_intervals": 10, **changes}
+    curve = np.array([0.0, 1.0]) if knots is None else knots, np.zeros((1, 2, 2)) if control is None else control
+    directions = np.empty((0, 3)) if more is None else more
+    return _core.separate(world(), np.array(pairs), *curve, _core.SeparationSettings(**values), directions)
 
 
 def piece(**changes: Any) -> Any:
@@ -258,11 +265,13 @@ def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
     return _core.prove(world(), knots, control, settings(), tolerance, _core.ProofState())
 
 
-def prove_beside_mesh(**changes: Any) -> Any:
-    """A proof beside a mesh."""
+def mesh_world(**changes: Any) -> Any:
     obstacle = body(mesh(**changes), -1, moved(0.85))
-    near = _core.World(geometry(obstacle=obstacle), np.array([[1, 2]]), np.zeros(1))
-    return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), _core.ProofState())
+    return _core.World(geometry(obstacle=obstacle), np.array([[1, 2]]), np.zeros(1))
+
+
+def prove_beside_mesh(**changes: Any) -> Any:
+    return _core.prove(mesh_world(**changes), UNIT, STRAIGHT, settings(), np.zeros(2), _core.ProofState())
 
 
 def upright(**changes: Any) -> Any:
@@ -456,13 +465,22 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a proof of a constraint at NaN": lambda: prove_upright(np.full((1, 2, DOF), NAN), np.zeros(DOF)),
     "a proof of a constraint with a tolerance of one joint": lambda: prove_upright(np.zeros((1, 2, DOF)), np.zeros(1)),
     "a departure of an obstacle": lambda: departure(body=2),
-    "a departure of a half-space": lambda: departure(hull=_core.Shape.half_space(BOX)),
     "a departure along a direction of length 2": lambda: departure(normal=np.array([0.0, 0.0, 2.0])),
     "a departure along NaN": lambda: departure(normal=np.full(3, NAN)),
     "a departure at a configuration of one joint": lambda: departure().gap(np.zeros(1)),
     "a departure on a piece without points": lambda: departure().decrease(np.zeros((0, 2))),
-    "a departure on a curve of NaN": lambda: departure().follow(UNIT, np.full((1, 2, 2), NAN), 0.1, 1e-4, 10),
-    "a departure with a tolerance of zero": lambda: departure().follow(UNIT, STRAIGHT, 0.1, 0.0, 10),
+    "a separation on a curve of NaN": lambda: separate(control=np.full((1, 2, 2), NAN)),
+    "a separation with a tolerance of zero": lambda: separate(tolerance=0.0),
+    "a separation with an overlap of NaN": lambda: separate(deepest=NAN),
+    "a separation of a pair that does not exist": lambda: separate(pairs=(2,)),
+    "a separation of a negative pair": lambda: separate(pairs=(-1,)),
+    "a separation along directions of two numbers": lambda: separate(more=np.ones((1, 2))),
+    "directions to facets at a configuration of one joint": lambda: _core.facet_directions(
+        mesh_world(), 0, np.zeros(1), 0.1
+    ),
+    "directions to the facets of a pair that does not exist": lambda: _core.facet_directions(
+        world(), 2, np.zeros(2), 0.1
+    ),
     "a route without pieces": lambda: _core.Route([]),
     "a direction of a route with NaN": lambda: _core.RouteDirection(np.full(3, NAN), np.zeros(3)),
     "a piece of a route with too few coefficients": lambda: piece(a=np.zeros(5)),
@@ -559,7 +577,8 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     prove_upright(np.zeros((1, 2, DOF)), np.zeros(DOF))
     assert _core.Workspace(world()).judge(np.zeros(2)) == 0
     assert prove(UNIT, STRAIGHT, np.zeros(2)).free
-    assert departure().follow(UNIT, STRAIGHT, 0.1, 1e-4, 10).end == 1.0
+    assert separate()[0].groups[0].proof.end == 1.0
+    assert _core.facet_directions(world(), 0, np.zeros(2), 0.1).shape == (0, 3)
     for first in (np.zeros(DOF), np.full(DOF, 3.0 + 1e-10)):
         assert follower().follow(route(), UNIT, first).q.shape[1] == DOF
     assert np.allclose(_core.spline_slopes(UNIT, np.eye(2)), [[-1.0, 1.0]] * 2)

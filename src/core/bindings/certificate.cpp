@@ -5,6 +5,7 @@
 #include "certificate/departure.h"
 #include "certificate/motion_bounds.h"
 #include "certificate/path_constraint.h"
+#include "certificate/separation.h"
 
 namespace pinproof {
 namespace {
@@ -92,12 +93,45 @@ void bind_constraints(nb::module_& module) {
                "joint_tolerance"_a, "The ConstraintState of a curve.");
 }
 
-Departure make_departure(const World& world, std::size_t body, std::shared_ptr<Shape> hull, const Vector& normal,
-                         double level) {
+Departure make_departure(const World& world, std::size_t body, const Vector& normal, double level) {
     if (body >= world.space().robot_bodies) refuse("not a body of the robot");
-    if (hull->kind != ShapeKind::kConvex) refuse("the hull of a body must be convex");
-    return {world.geometry, static_cast<int>(body), std::move(hull), unit_vector("normal", normal, kUnit),
-            finite("level", level)};
+    return {world.geometry, static_cast<int>(body), hull_of(world.space().bodies[body].shape),
+            unit_vector("normal", normal, kUnit), finite("level", level)};
+}
+
+// A pair of a body of the robot and an obstacle that no joint moves.
+const Pair& pair_with_obstacle(const World& world, std::int64_t pair) {
+    if (pair < 0 || static_cast<std::size_t>(pair) >= world.pairs.size()) refuse("not a pair of bodies");
+    if (!world.pairs[pair].with_obstacle) refuse("not a pair with an obstacle");
+    return world.pairs[pair];
+}
+
+std::vector<PairSeparation> separate(const World& world, const Indices& pairs, const Vector& knots,
+                                     const Stack& control, const SeparationSettings& settings, const Matrix& more) {
+    const CurveView curve = curve_of(knots, control, world.space().tree.dof, read_finite);
+    const double* d = shaped("more", more, {kAny, 3}).data();
+    std::vector<Vec3> directions;
+    for (std::size_t i = 0; i < more.shape(0); ++i) directions.push_back({d[3 * i], d[3 * i + 1], d[3 * i + 2]});
+    std::vector<const Pair*> stated;
+    for (std::int64_t pair : shaped("pairs", pairs, {kAny})) stated.push_back(&pair_with_obstacle(world, pair));
+    nb::gil_scoped_release release;
+    Separator separator(world, curve, settings);
+    std::vector<PairSeparation> found;
+    for (const Pair* pair : stated) found.push_back(separator.separate(*pair, directions));
+    return found;
+}
+
+NewArray facet_directions(const World& world, std::int64_t index, const Vector& q, double reach) {
+    const Pair& pair = pair_with_obstacle(world, index);
+    std::vector<Vec3> found;
+    if (world.shape(pair.b).kind == ShapeKind::kMesh) {
+        Workspace space(std::make_shared<World>(world));
+        space.place_at(finite("q", q, {world.space().tree.dof}).data());
+        const ClosePair close{space.bodies()[pair.a], space.bodies()[pair.b],
+                              hull_of(world.space().bodies[pair.a].shape), world.shape(pair.b)};
+        found = close.directions_to_facets(reach);
+    }
+    return table(found, &Vec3::x, &Vec3::y, &Vec3::z);
 }
 
 void bind_departure(nb::module_& module) {
@@ -105,26 +139,39 @@ void bind_departure(nb::module_& module) {
         module, "DepartureProof",
         "The span of a curve on which a body is proven not to approach: its end, the parameter after which its gap is "
         "also larger than required (infinity if this is not reached), the end of the first interval in which the proof "
-        "failed (`end` if it did not fail), and the number of intervals.",
-        FIELDS(DepartureProof, end, until, stopped, intervals));
+        "failed (`end` if it did not fail), the number of intervals, and the gap (m) at the end.",
+        FIELDS(DepartureProof, end, until, stopped, intervals, gap));
     nb::class_<Departure>(module, "Departure", "The motion of a body of the robot along one direction.")
-        .def(nb::new_(&make_departure), "world"_a, "body"_a, "hull"_a, "normal"_a, "level"_a,
-             "`hull`: a convex shape with the points of the body; `level` (m): the extent of an obstacle along normal.")
-        .def_prop_ro("normal", &Departure::normal, "(3,) the unit vector in the root frame.")
-        .def_prop_ro("level", &Departure::level)
+        .def(nb::new_(&make_departure), "world"_a, "body"_a, "normal"_a, "level"_a,
+             "`level` (m): the extent of an obstacle along normal.")
         .def("gap", [](Departure& self, const Vector& q) { return self.gap(finite("q", q, {self.dof()}).data()); },
              "q"_a, "The gap (m) at q: a lower bound of the distance, negative in overlap.")
         .def("decrease", [](Departure& self, const Matrix& piece) {
                 const auto points = finite("piece", piece, {kSome, self.dof()});
                 const GapDecrease bound = self.decrease(points.data(), piece.shape(0));
                 return std::tuple(bound.decrease, bound.motion);
-            }, "piece"_a, "Upper bounds (m) of the decrease of the gap and of the motion over a piece of a curve.")
-        .def("follow", [](Departure& self, const Vector& knots, const Stack& control, double enough, double tolerance,
-               std::int64_t max_intervals) {
-                return self.follow(curve_of(knots, control, self.dof(), read_finite), enough,
-                                   positive("tolerance", tolerance), counted("max_intervals", max_intervals));
-            }, "knots"_a, "control"_a, "enough"_a, "tolerance"_a, "max_intervals"_a,
-            "The DepartureProof of a curve: the body has separated beyond the gap `enough` (m).");
+            }, "piece"_a, "Upper bounds (m) of the decrease of the gap and of the motion over a piece of a curve.");
+    using Settings = SeparationSettings;
+    bind_struct<Settings>(
+        module, "SeparationSettings", "Which pairs are close at the start of a curve, and how they are followed.",
+        [](const Settings& settings) {
+            positive("tolerance", settings.tolerance);
+            counted("max_intervals", settings.max_intervals);
+        }, LIMITS(Settings, near), MEMBERS(Settings, deepest, displaced, tolerance, max_intervals));
+    bind_result<SeparatingGroup>(
+        module, "SeparatingGroup", "An obstacle, or facets of it, from which a body separates along one direction.",
+        FIELDS(SeparatingGroup, normal, level, gap, slack, proof), "facets", [](const SeparatingGroup& group) {
+            return array_of<std::int64_t>(group.facets);
+        });
+    bind_result<PairSeparation>(
+        module, "PairSeparation", "How a body separates from an obstacle that it may touch.",
+        FIELDS(PairSeparation, far, overlaps, gap, groups), "unclear", [](const PairSeparation& found) {
+            return array_of<std::int64_t>(found.unclear);
+        });
+    module.def("separate", &separate, "world"_a, "pairs"_a, "knots"_a, "control"_a, "settings"_a, "more"_a,
+               "The PairSeparation of each pair with an obstacle along a curve; `more` (D, 3): directions to try.");
+    module.def("facet_directions", &facet_directions, "world"_a, "pair"_a, "q"_a, "reach"_a,
+               "(K, 3) unit vectors from a body at q to the facets of a mesh within `reach` (m).");
 }
 
 // The motion bounds of the pairs of a world about one configuration, for tests.

@@ -68,6 +68,13 @@ void bind_shapes(nb::module_& module) {
                         inside[i] = shape.mesh != nullptr && shape.mesh->contains({p[0], p[1], p[2]});
                 });
             }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
+        .def_prop_ro("corners", [](const Shape& shape) {
+                std::vector<double> numbers;
+                if (shape.mesh != nullptr)
+                    for (const Triangle& triangle : shape.mesh->triangles)
+                        for (const Vec3& p : triangle.corners) numbers.insert(numbers.end(), {p.x, p.y, p.z});
+                return rows_of(numbers, 9);
+            }, "(F, 9) the triangles of a mesh in the order in which the core numbers them.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     module.def("separating_directions", &separating_directions, "a"_a, "b"_a, "root_from_a"_a, "root_from_b"_a,

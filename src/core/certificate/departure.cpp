@@ -109,11 +109,12 @@ DepartureProof Departure::follow(const CurveView& curve, double enough, double t
     };
     constexpr double infinity = std::numeric_limits<double>::infinity();
     const std::size_t size = curve.points * curve.dof;
-    DepartureProof proof{curve.knots.front(), infinity, curve.knots.front(), 0};
-    if (gap(curve.piece(0)) > enough) proof.until = proof.end;
+    DepartureProof proof{curve.knots.front(), infinity, curve.knots.front(), 0, gap(curve.piece(0))};
+    if (proof.gap > enough) proof.until = proof.end;
+    std::vector<double> last(curve.piece(0), curve.piece(0) + curve.dof);  // q at the end of the proof
     double lost = 0.0;
     std::vector<Interval> stack;
-    for (std::size_t i = 0; i < curve.pieces(); ++i) {
+    for (std::size_t i = 0; i < curve.pieces() && proof.stopped <= proof.end; ++i) {
         stack.push_back({curve.knots[i], curve.knots[i + 1], {curve.piece(i), curve.piece(i) + size}});
         while (!stack.empty()) {
             Interval here = std::move(stack.back());
@@ -122,22 +123,23 @@ DepartureProof Departure::follow(const CurveView& curve, double enough, double t
             const GapDecrease bound = decrease(here.part.data(), curve.points);
             if (lost + bound.decrease <= space_->rounding) {
                 lost += bound.decrease;
-                proof.end = here.stop;
-                if (proof.until == infinity && gap(here.part.data() + size - curve.dof) > enough)
+                proof.end = proof.stopped = here.stop;
+                std::copy_n(here.part.data() + size - curve.dof, curve.dof, last.data());
+                if (proof.until == infinity && gap(last.data()) > enough)
                     proof.until = crossing(here.start, here.stop, std::move(here.part), enough);
                 continue;
             }
             // Written so that a bound that is not a number ends the proof.
             if (!(bound.motion >= tolerance) || proof.intervals >= max_intervals) {
                 proof.stopped = here.stop;
-                return proof;
+                break;
             }
             const double middle = 0.5 * (here.start + here.stop);
             stack.push_back({middle, here.stop, right_});
             stack.push_back({here.start, middle, left_});
         }
     }
-    proof.stopped = proof.end;
+    proof.gap = gap(last.data());
     return proof;
 }
 

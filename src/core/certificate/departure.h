@@ -43,6 +43,7 @@ struct DepartureProof {
     double until;            // the parameter after which its gap is also larger than required; infinity if not reached
     double stopped;          // the end of the first interval in which the proof failed; `end` if it did not fail
     std::int64_t intervals;  // their number
+    double gap;              // m, at `end`
 };
 
 // Upper bounds over a piece of a curve.
@@ -60,8 +61,6 @@ public:
     Departure(std::shared_ptr<const Geometry> space, int body, std::shared_ptr<const Shape> hull, const Vec3& normal,
               double level);
 
-    const Vec3& normal() const { return normal_; }
-    double level() const { return level_; }
     std::size_t dof() const { return space_->tree.dof; }
 
     // The gap (m) at q (dof): a lower bound of the distance, negative in overlap.

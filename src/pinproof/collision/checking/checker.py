@@ -314,18 +314,22 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         left[[k for k in dropped if 0 <= k < len(left)]] = False
         return self._keep(dropped, self._with_pairs(self._pairs[left]))
 
-    def _with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
-        """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
+    def _with_obstacle_bodies(
+        self, bodies: Sequence[Body], pairs: npt.NDArray[np.int64]
+    ) -> tuple[CollisionChecker, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return a checker with more bodies of the scene's obstacles, and more checked pairs (P, 2), sorted.
 
-        The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
+        Also returns the indices there of the present pairs and of the new ones. The new bodies follow those in
+        :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
         made, every = self._assembly, (*self.bodies, *bodies)
         others = pack_obstacles(body for body in every if body.link is None)
         geometry = pack_geometry(self.group, every, made.links, self.rounding, others)
-        checked = np.unique(np.concatenate([self._pairs, np.array(list(pairs), dtype=np.int64).reshape(-1, 2)]), axis=0)
+        before = np.searchsorted(self._pairs[:, 0], pairs[:, 0], side="right")
+        checked, new = np.insert(self._pairs, before, pairs, axis=0), before + np.arange(len(pairs))
         other = copy(self)
         other._take(made._replace(bodies=every, geometry=geometry, pairs=made.pairs._replace(checked=checked)))
-        return other
+        return other, np.delete(np.arange(len(checked)), new), new
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.

@@ -11,8 +11,11 @@ import trimesh
 
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
-from pinproof.picks import GripLimits, GripperFingers, PickBudget, PlaceTarget, Stage, SuctionCup
+from pinproof.picks import GripLimits, GripperFingers, PickBudget, PickSetup, PlaceTarget, Stage, SuctionCup
 from pinproof.picks.judging.grip import HeldPart, grip_by_cup
+from pinproof.picks.judging.suggest import suggest
+from pinproof.picks.judging.task import PickTask
+from pinproof.picks.judging.verdict import StageResult
 from pinproof.spatial import SE3
 
 from . import grip_oracle as oracle
@@ -153,6 +156,36 @@ def test_an_open_finger_that_would_plough_through_the_part_on_the_approach_is_fo
     assert sideways.failed is Stage.APPROACH
     assert "cube" in sideways.reason
     assert along.ok
+
+
+GRIPPER = """<robot name="gripper"><link name="base"/><link name="hand"/>
+<link name="pad"><collision><origin xyz="0 -.03 0"/><geometry><box size=".02 .02 .06"/></geometry></collision></link>
+<link name="jaw"><collision><origin xyz="0 .03 0"/><geometry><box size=".02 .02 .06"/></geometry></collision></link>
+<joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1" velocity="1" effort="1"/></joint>
+<joint name="rest" type="prismatic"><parent link="hand"/><child link="pad"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.1" velocity="1" effort="1"/></joint>
+<joint name="close" type="prismatic"><parent link="hand"/><child link="jaw"/><axis xyz="0 -1 0"/>
+<limit lower="0" upper="0.1" velocity="1" effort="1"/></joint></robot>"""
+"""A lift with a vice: its jaw is 40 mm from the pad while both joints are at 0."""
+
+
+@pytest.mark.parametrize(("closed", "apart"), [(0.03, True), (0.0395, False), (0.041, False)])
+def test_no_configuration_holds_a_part_if_the_closed_hand_collides_with_itself(closed: float, apart: bool) -> None:
+    picks = pp.Picks((), held={"close": 0.0, "rest": 0.0}, grip={"close": closed}, margin=0.001, gripper=("pad",))
+    arm = pp.load_robot(GRIPPER).arm(tcp="hand", held=picks.held)
+    cell = PickSetup.make(arm, pp.Scene([CUBE]), picks, home=None, rng=0).cell
+    assert (cell.closed_contact is None) is apart
+    task = PickTask(pp.Pick("cube", pp.pose((0.0, 0.0, 0.2)), carried="cube"), cell)
+    grip = task.grip(task.nearest_group[0])
+    if apart:
+        assert "cannot be closed" not in grip.message
+        return
+    assert (grip.held, grip.proven) == (False, True)
+    assert {"jaw", "pad"} <= set(grip.message.split())
+    # Another position of the pick changes nothing about the hand
+    failed = StageResult(Stage.GRIP, False, grip.message)
+    assert suggest(task, task.pick, failed, None, lambda pick: pytest.fail(f"{pick} was judged")) == ()
 
 
 @pytest.mark.parametrize("kind", ["box", "channel"])

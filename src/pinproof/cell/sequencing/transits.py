@@ -126,7 +126,7 @@ def _parts(
         across = _again(_part(task, member, "transfer"), known)
         transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
         if across is None:
-            result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:], turns=False)
+            result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:])
             if made is None:
                 return MotionFailure("transfer", result.message)
             transfer = made.transfer

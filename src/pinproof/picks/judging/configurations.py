@@ -31,6 +31,9 @@ BEYOND = 2 * np.pi, 0.5
 
 TURN = 2 * np.pi
 
+TURNS = range(-2, 3)
+"""Numbers of full rotations at which a joint is searched within its limits."""
+
 SAMPLES, STARTS = 8, 64
 """Number of different configurations that the numerical search returns, and its number of starts."""
 
@@ -96,6 +99,12 @@ def joint_margins(arm: Arm, low: Array, high: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.minimum(low - lower, upper - high) / ((upper - lower) / 2)
     return np.asarray(np.clip(np.where(np.isfinite(share), share, 1.0), 0.0, 1.0))
+
+
+def best_margins(arm: Arm, q: Array) -> Array:
+    """(k,) upper bounds of the margin from the limits at q (k, n) with any full rotations, joint by joint."""
+    turned = (q + turns * TURN * arm.periodic for turns in TURNS)
+    return np.asarray(np.max([joint_margins(arm, each, each) for each in turned], axis=0).min(axis=1, initial=1.0))
 
 
 def widened(arm: Arm) -> Arm:

@@ -580,14 +580,14 @@ def reasons_at_release(task: PickTask, members: list[Member], seed: int) -> tupl
 
 
 @step(REFUTATION)
-def reasons_by_contact(task: PickTask, members: list[Member], reached: Reached, seed: int) -> tuple[str, ...]:
+def reasons_by_contact(task: PickTask, members: list[Member], reached: Reached) -> tuple[str, ...]:
     """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven."""
 
     def reasons_of(member: Member) -> list[str]:
         known = reached.q[reached.member == members.index(member)]
         if not len(known) and proven_unreachable(task.arm, [task.target(task.grasp(member))]):
             return [f"{NO_SOLUTION} the grasp"]
-        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, seed, known)
+        words = _contacts_of_all(task, task.grasp(member), task.at_grasp, known)
         return [f"{words}, for every IK solution"] if words else []
 
     return _refuted(members, reasons_of)
@@ -597,14 +597,14 @@ def _branches_refuted(
     task: PickTask, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int
 ) -> list[str]:
     """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
-    if not every_branch_is_known(task, [task.target(root_from_tip)]):
-        if proven_unreachable(task.arm, [task.target(root_from_tip)]):
-            return [f"{NO_SOLUTION} {where}"]
-        words = _contacts_of_all(task, root_from_tip, checker, seed)
-        return [f"at {where}: {words}"] if words else []
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []
+    if not every_branch_is_known(task, [task.target(root_from_tip)]):
+        if not len(many) and proven_unreachable(task.arm, [task.target(root_from_tip)]):
+            return [f"{NO_SOLUTION} {where}"]
+        words = _contacts_of_all(task, root_from_tip, checker, many)
+        return [f"at {where}: {words}"] if words else []
     reasons = []
     for q in many:
         result = checker.finer_at(q).check(q)  # contact between convex hulls is no proof of contact between the meshes
@@ -614,16 +614,14 @@ def _branches_refuted(
     return reasons or [f"{NO_SOLUTION} {where}"]
 
 
-def _contacts_of_all(
-    task: PickTask, root_from_tip: SE3, checker: CollisionChecker, seed: int, known: Array | None = None
-) -> str:
+def _contacts_of_all(task: PickTask, root_from_tip: SE3, checker: CollisionChecker, some: Array) -> str:
     """The contacts by which every configuration at a pose is excluded; empty if this is not proven.
 
     Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
-    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`prove_blocked`).
+    obstacles exclude all of them. Otherwise the joint values are divided into boxes (:func:`prove_blocked`). The
+    configurations ``some`` (k, n) are known.
     """
     targets = task.targets([root_from_tip])
-    some = configurations(task.arm, targets, task.cell.home, seed)[1] if known is None else known
     if len(some) and (words := contacts_everywhere(checker, some[0])):
         return "; ".join(words)
     many = np.concatenate([some, along_families(task.arm, targets, task.cell.home)[1]])

@@ -18,8 +18,9 @@ the approach, to the grasp, to the end of the retreat, and to the release. Where
 configuration at these poses, the motion passes through one of them; otherwise only the grasp is used.
 
 The search expands the candidate with the highest bound: first the configuration at the grasp, then its two lines at
-each of their full rotations, then the transit, then the place. It stops when no bound exceeds the best score of a
-complete motion, so that the result is the same as if all candidates had been planned.
+each of their full rotations, then the transit, then the lines of each release, then the transfer to it, at the full
+rotations that can still be the best. It stops when no bound exceeds the best score of a complete motion, so that the
+result is the same as if all candidates had been planned, or when the budget of complete motions is exhausted.
 
 Source of the search: A. Land, A. Doig (1960), "An automatic method of solving discrete programming problems",
 Econometrica 28(3).
@@ -39,9 +40,8 @@ from pinproof.motion import CubicPath, JointPath, least_times
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.configurations import (
     REDUNDANT,
-    TURN,
     at_full_speed,
-    joint_margins,
+    best_margins,
     least_seconds,
     limit_margin,
 )
@@ -60,15 +60,12 @@ from pinproof.picks.judging.grasp import (
     screen,
 )
 from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, span, transit
-from pinproof.picks.judging.place import Placer, Placing, Scores
+from pinproof.picks.judging.place import Placer, PlaceSearch, Placing, Scores
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
 from pinproof.spatial import Array
-
-TURNS = range(-2, 3)
-"""Numbers of full rotations at which a joint is searched within its limits."""
 
 MANY = 64
 """Largest number of grasps for which the ends of the lines are solved to obtain tighter bounds of the time."""
@@ -110,9 +107,7 @@ class Scoring:
                 seconds[own] = into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1)
             else:
                 seconds[own] = into + rest(member, q, exact)
-        # Upper bounds of the margin from the limits at any full rotations, joint by joint
-        turned = (every + turns * TURN * arm.periodic for turns in TURNS)
-        margins = np.max([joint_margins(arm, q, q) for q in turned], axis=0).min(axis=1, initial=1.0)
+        margins = best_margins(arm, every)
         # Upper bounds of the score; the manipulability is that of the configuration
         clearances = np.array([candidate.clearance for candidate in candidates])
         volumes = np.array([candidate.manipulability for candidate in candidates])
@@ -150,6 +145,13 @@ class _OpenAttempt(NamedTuple):
     attempt: Attempt
     shift: Array
     crossing: Crossing | None = None
+    scores: _Completions | None = None
+    place: PlaceSearch | None = None
+
+    @property
+    def candidates(self) -> int:
+        """The number of complete motions to which it can be extended: one for each release."""
+        return 1 if self.place is None else len(self.place)
 
 
 class BestFirst:
@@ -189,41 +191,37 @@ class BestFirst:
         They are those whose bound does not exceed the best score, and those that could be better but were not tried
         within the budget.
         """
-        keys = [(-float(self._scoring.bounds[index]), index, 0) for index in self._order[self._next :]]
-        keys += [each.key for each in self._open if each.key[1] not in self._stuck]
-        excluded = sum(key > best.key for key in keys)
-        return excluded, len(keys) - excluded
+        left = [((-float(self._scoring.bounds[index]), index, 0), 1) for index in self._order[self._next :]]
+        left += [(each.key, each.candidates) for each in self._open if each.key[1] not in self._stuck]
+        excluded = sum(count for key, count in left if key > best.key)
+        return excluded, sum(count for _, count in left) - excluded
 
     def run(self) -> CompleteMotion | None:
         """The best complete motion; None if none was found within the budget."""
         while self.made < self._budget.compared:
-            # The next step: the best open attempt, or a configuration whose lines are not planned yet
+            # The next step: the best open attempt, or a configuration whose lines are not planned yet. In a trial, any
+            # complete motion is sufficient, so open attempts come first
             while self._open and self._open[0].key[1] in self._stuck:
                 heapq.heappop(self._open)
-            keys = [self._open[0].key] if self._open else []
-            if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            key, best = self._open[0].key if self._open else None, self.best
+            more = self._next < len(self._order) and len(self.attempts) < self._budget.configurations
+            if more and (key is None or self._task.cell.trial is None):
                 index = self._order[self._next]
-                keys.append((-float(self._scoring.bounds[index]), index, -1))
-            key, best = min(keys, default=None), self.best
+                key = min(filter(None, (key, (-float(self._scoring.bounds[index]), index, -1))))
             if key is None or (self._bounded and best is not None and key > best.key):
                 break
             if not self._open or key != self._open[0].key:
                 self._lines()
                 continue
-            # The transit of the open attempt or, after it, the place
+            # The transit of the open attempt or, after it, one step of the search for its place
             here = heapq.heappop(self._open)
-            crossing = here.crossing
-            if crossing is None:
+            if here.crossing is None:
                 moved = here.attempt.turned(here.shift)
-                crossing = transit(self._task, [moved], self._budget.quick_nodes, self._seeds)
-            if crossing.attempt is None:
-                self._stop(key, (*here.attempt.stages, crossing.result))
-            elif here.crossing is not None or self._task.place is None:
-                self._place(key, crossing)
+                left = self._crossed(here, transit(self._task, [moved], self._budget.quick_nodes, self._seeds))
             else:
-                scores = _Completions(self._scoring, crossing.attempt, crossing)
-                score = float(scores.bound(np.inf, self._rest(crossing.attempt)))
-                heapq.heappush(self._open, here._replace(key=(-score, *key[1:]), crossing=crossing))
+                left = self._placed(here)
+            if left is not None:
+                heapq.heappush(self._open, left)
         return self.best
 
     def may_place(self) -> bool:
@@ -249,7 +247,9 @@ class BestFirst:
         if crossing.attempt is None:
             self.failed.append((*passed[0].stages, crossing.result))
             return None
-        self._place((0.0, 0, 0), crossing)
+        left = self._crossed(_OpenAttempt((0.0, 0, 0), crossing.attempt, np.zeros(arm.dof)), crossing)
+        while left is not None and (self.best is None or left.key < self.best.key):
+            left = self._placed(left)
         return self.best
 
     def _lines(self) -> None:
@@ -276,19 +276,40 @@ class BestFirst:
         """Lower bound (s) of the time after the retreat."""
         return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
-    def _place(self, key: Key, crossing: Crossing) -> None:
-        """Plan the place, which completes the motion."""
-        attempt, path = crossing.attempt, crossing.path
-        if attempt is None or path is None:
+    def _crossed(self, here: _OpenAttempt, crossing: Crossing) -> _OpenAttempt | None:
+        """An attempt after its transit, ready for the search of the place; None if that completes or ends it."""
+        if crossing.attempt is None:
+            self._stop(here.key, (*here.attempt.stages, crossing.result))
+            return None
+        scores = _Completions(self._scoring, crossing.attempt, crossing)
+        here = here._replace(attempt=crossing.attempt, crossing=crossing, scores=scores)
+        if self._task.place is None:
+            self._complete(here, StageResult(Stage.PLACE, True, "none requested"), None)
+            return None
+        return self._with_bound(here._replace(place=self._placer.search(crossing.attempt, self._seeds, scores)))
+
+    def _placed(self, here: _OpenAttempt) -> _OpenAttempt | None:
+        """An attempt after one step of the search for its place; None if nothing is left of it."""
+        best = self.best if self._bounded else None
+        if here.place is not None and (placed := here.place.extend(-np.inf if best is None else -best.key[0])):
+            self._complete(here, *placed)
+        return self._with_bound(here)
+
+    def _with_bound(self, here: _OpenAttempt) -> _OpenAttempt | None:
+        """An attempt with the bound of its place; None if no release is left, which is a failure if none was good."""
+        if here.place is not None and len(here.place):
+            return here._replace(key=(-here.place.bound, *here.key[1:]))
+        if here.place is not None and here.crossing is not None and not here.place.succeeded:
+            self._stop(here.key, (*here.attempt.stages, here.crossing.result, here.place.failure()))
+        return None
+
+    def _complete(self, here: _OpenAttempt, placed: StageResult, placing: Placing | None) -> None:
+        """Add a complete motion."""
+        if here.crossing is None or here.crossing.path is None or here.scores is None:
             return
-        scores = _Completions(self._scoring, attempt, crossing)
-        placed, placing = self._placer.place(attempt, self._seeds, scores)
-        stages = (*attempt.stages, crossing.result, placed)
-        if not placed.ok:
-            self._stop(key, stages)
-            return
-        parts = scores.parts(placing)
-        self.motions.append(CompleteMotion(attempt, stages, path, placing, parts, (-parts["score"], *key[1:])))
+        parts, stages = here.scores.parts(placing), (*here.attempt.stages, here.crossing.result, placed)
+        key = (-parts["score"], *here.key[1:])
+        self.motions.append(CompleteMotion(here.attempt, stages, here.crossing.path, placing, parts, key))
         self.made += 1
 
     def _stop(self, key: Key, stages: tuple[StageResult, ...]) -> None:
@@ -310,10 +331,10 @@ class _Completions(Scores):
         self._low, self._high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
         self._margin = limit_margin(self._arm, self._low, self._high)
 
-    def bound(self, clearance: Array | float, seconds: Array | float, *lines: CubicPath | None) -> Array:
+    def bound(self, clearance: Array | float, seconds: Array, margin: Array, *lines: CubicPath | None) -> Array:
         seconds = seconds + sum(at_full_speed(self._arm, each) for each in control_points(self._arm.dof, *lines))
         clearance, seconds = np.minimum(clearance, self._clearance), seconds + self._seconds
-        return self._scoring.parts(clearance, self._margin, self._manipulability, seconds)["score"]
+        return self._scoring.parts(clearance, np.minimum(margin, self._margin), self._manipulability, seconds)["score"]
 
     def parts(self, placing: Placing | None) -> dict[str, float]:
         """The parts of the score of the complete motion."""
@@ -409,7 +430,7 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judge
         others = (member for i, member in enumerate(group) if i not in reachable)
         refuted = (*screened.refuted, *(f"{member.head}{NO_SOLUTION} the grasp" for member in others))
     elif stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
-        refuted = reasons_by_contact(task, group, reached, seeds[0])
+        refuted = reasons_by_contact(task, group, reached)
     if not refuted:
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pinproof.common.steps import step
-from pinproof.motion import BlendedPath, CubicPath, JointPath
+from pinproof.motion import BlendedPath, CubicPath, JointPath, least_times
 from pinproof.picks.input.pick import Member, PlaceTarget
-from pinproof.picks.judging.configurations import configurations, least_seconds
+from pinproof.picks.judging.configurations import best_margins, configurations, least_seconds, limit_margin
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch, out_of_reach
 from pinproof.picks.judging.lines import Attempt, Pairs, line, shifted, shortened, span
 from pinproof.picks.judging.task import PickTask, once_per_grasp, torque_limits
@@ -27,12 +27,12 @@ class Scores:
     Here all are equal, so that the first possible place is the best.
     """
 
-    def bound(self, clearance: Array | float, seconds: Array | float, *lines: CubicPath | None) -> Array:
-        """Upper bounds of the scores with the clearances (m) at or after the release.
+    def bound(self, clearance: Array | float, seconds: Array, margin: Array, *lines: CubicPath | None) -> Array:
+        """Upper bounds of the scores with the clearances (m) and the margins from the limits at or after the release.
 
         ``seconds`` are lower bounds of the time after the retreat, without the ``lines`` to and from the release.
         """
-        del lines
+        del margin, lines
         return np.zeros_like(clearance + seconds)
 
     def parts(self, placing: Placing | None) -> dict[str, float]:
@@ -103,16 +103,16 @@ class Placer:
     """
 
     def __init__(self, task: PickTask, seed: int) -> None:
-        self._task, self._seed = task, seed
+        self.task, self.seed = task, seed
         self.kept: dict[tuple[Hashable, ...], Any] = {}
 
     @once_per_grasp
     def releases(self, member: Member) -> Array:
         """(m, n) the configurations of a family member at the release; empty without a place."""
-        task = self._task
+        task = self.task
         if task.place is None:
             return np.empty((0, task.arm.dof))
-        return configurations(task.arm, task.targets([task.release(member)]), task.cell.home, self._seed)[1]
+        return configurations(task.arm, task.targets([task.release(member)]), task.cell.home, self.seed)[1]
 
     def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
         """(k,) lower bound (s) of the time from each of q (k, n), after the retreat, to the end; 0 without a place.
@@ -123,11 +123,11 @@ class Placer:
         if not len(ahead.first):
             return np.zeros(len(q))
         to_end = (ahead.down + ahead.after).min(axis=1)
-        return np.asarray((least_seconds(self._task.arm, q, ahead.first) + to_end).min(axis=1))
+        return np.asarray((least_seconds(self.task.arm, q, ahead.first) + to_end).min(axis=1))
 
     @once_per_grasp
     def _what_is_ahead(self, member: Member, exact: bool) -> _Ahead:
-        task, arm, here = self._task, self._task.arm, self.releases(member)
+        task, arm, here = self.task, self.task.arm, self.releases(member)
         after, place = np.zeros(len(here)), task.place
         none = np.where(np.eye(len(here), dtype=bool), 0.0, np.inf)
         if place is None or not len(here):
@@ -142,96 +142,73 @@ class Placer:
     @once_per_grasp
     def _clearances(self, member: Member, retreats: bool) -> Array:
         """(m,) the clearances of the empty hand at the releases, which count if it retreats; 0 if in contact."""
-        q, free_hand = self.releases(member), self._task.letting_go(member)
+        q, free_hand = self.releases(member), self.task.letting_go(member)
         free = free_hand.is_free_batch(q)
         clearances = np.where(free, np.inf, 0.0)
         if retreats:
             clearances[free] = free_hand.clearance_batch(q[free])
         return clearances
 
-    @step(Stage.PLACE.value)
-    def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
-        """Plan the place of a grasped object at the release that gives the best complete motion.
+    @once_per_grasp
+    def _margins(self, member: Member) -> Array:
+        """(m,) upper bounds of the margin from the limits at the releases, at any full rotations."""
+        return best_margins(self.task.arm, self.releases(member))
 
-        ``seeds`` are those of the planner and of the shortening. Neither the lines of a release nor its transfer are
-        planned if the bound of its score does not exceed the best score.
+    def search(self, attempt: Attempt, seeds: list[int], scores: Scores) -> PlaceSearch:
+        """The search for the release of a grasped object that gives the best complete motion.
+
+        ``seeds`` are those of the planner and of the shortening.
         """
-        task, member = self._task, attempt.candidate.member
-        if task.place is None:
-            return StageResult(Stage.PLACE, True, "none requested"), None
+        task, member = self.task, attempt.candidate.member
         many = self.releases(member)
-        if not len(many):
-            target = task.target(task.release(member))
-            where = "the release is out of reach", "it"
-            return out_of_reach(task, Stage.PLACE, target, self._seed, *where), None
         # The releases in order of the time to them, each with the bound of its score
         nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
-        tried = nearest[: task.cell.budget.configurations].tolist()
-        without_lines, without_transfer = dict[int, StageResult](), list[StageResult]()
+        tried = nearest[: task.cell.budget.configurations]
         ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
-        seconds = np.maximum(there.min(axis=0) + ahead.after - SLACK_SECONDS, 0.0)
-        clearances = self._clearances(member, task.place.retreat > 0) + SLACK
-        bounds = scores.bound(clearances[tried], seconds[tried]).tolist()
-        queue: list[tuple[float, int, Release | None]] = [(-bound, order, None) for order, bound in enumerate(bounds)]
-        heapq.heapify(queue)
-        # The release with the highest bound is extended by one step: its lines, then the transfer
-        best: tuple[float, StageResult, Placing] | None = None
-        while queue:
-            bound, order, down = heapq.heappop(queue)
-            if best is not None and -bound <= best[0]:
-                break
-            if down is None:
-                down = self._lines(member, tried[order], task.place)
-                if down.why:
-                    without_lines[order] = _failure(down)
-                else:
-                    left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
-                    bound = float(scores.bound(down.clearance, left, down.lift, down.leave))
-                    heapq.heappush(queue, (-bound, order, down))
-                continue
-            result, placing = self.transfer(task.place, attempt, down, seeds)
-            if placing is None:
-                without_transfer.append(result)
-                continue
-            score = scores.parts(placing)["score"]
-            if best is None or score > best[0]:
-                best = score, result, placing
-        if best is not None:
-            return best[1], best[2]
-        # No release is possible: the reason is that of the one with the most possible parts
-        failed = (*(without_lines[order] for order in sorted(without_lines)), *without_transfer)
-        farthest = max(failed, key=lambda result: result.figures["passed"])
-        if len(many) > 1:
-            message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
-            farthest = replace(farthest, message=message)
-        return farthest, None
+        seconds = np.maximum(there.min(axis=0, initial=np.inf) + ahead.after - SLACK_SECONDS, 0.0)[tried]
+        clearances = self._clearances(member, task.place is not None and task.place.retreat > 0)[tried] + SLACK
+        bounds = scores.bound(clearances, seconds, self._margins(member)[tried])
+        return PlaceSearch(self, attempt, seeds, scores, tried.tolist(), bounds.tolist())
+
+    def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
+        """The place of a grasped object at the release that gives the best complete motion; see :meth:`search`."""
+        if self.task.place is None:
+            return StageResult(Stage.PLACE, True, "none requested"), None
+        search, best, most = self.search(attempt, seeds, scores), None, -np.inf
+        while search.bound > most:
+            if (found := search.extend(most)) is not None and (score := scores.parts(found[1])["score"]) > most:
+                best, most = found, score
+        return (search.failure(), None) if best is None else best
 
     def may_place(self, member: Member) -> bool:
         """Whether the lines from a release of a family member are possible."""
-        task, many = self._task, self.releases(member)
+        task, many = self.task, self.releases(member)
         if task.place is None:
             return True
         free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
-        return any(not self._lines(member, index, task.place).why for index in free)
+        return any(not self.lines(member, index, task.place).why for index in free)
 
     @once_per_grasp
-    def _lines(self, member: Member, index: int, place: PlaceTarget) -> Release:
+    def lines(self, member: Member, index: int, place: PlaceTarget) -> Release:
         """The lines of one of the releases."""
-        return release_lines(self._task, place, member, self.releases(member)[index])
+        return release_lines(self.task, place, member, self.releases(member)[index])
+
+    def goals(self, attempt: Attempt, down: Release) -> Array:
+        """(k, n) the full rotations of the lines of a release within the limits; zero if none are."""
+        arm = self.task.arm
+        low, high = span(down.q, down.lift, down.leave)
+        shifts = with_turns(arm, attempt.exit, down.entrance[None])[0] - down.entrance
+        inside = shifts[arm.limits.inside(np.array([low, high])[:, None] + shifts).all(axis=0)]
+        return inside if len(inside) else shifts[:1]
 
     def transfer(
-        self, place: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], *, turns: bool = True
+        self, place: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], shifts: Array | None = None
     ) -> tuple[StageResult, Placing | None]:
-        """The transfer from the retreat to the approach of the place, with ``turns`` at any full rotations."""
-        task, arm = self._task, self._task.arm
-        carrying, limits = task.carrying(attempt.candidate.member), arm.limits
-        # The transfer ends at any full rotations at which the lines are within the limits
-        low, high = span(down.q, down.lift, down.leave)
-        goals = with_turns(arm, attempt.exit, down.entrance[None])[0] if turns else down.entrance[None]
-        shifts = goals - down.entrance
-        inside = shifts[limits.inside(np.array([low, high])[:, None] + shifts).all(axis=0)]
-        shifts = inside if len(inside) else shifts[:1]
+        """The transfer from the retreat to the approach of the place, which ends at one of the full rotations."""
+        task, arm = self.task, self.task.arm
+        carrying = task.carrying(attempt.candidate.member)
+        shifts = np.zeros((1, arm.dof)) if shifts is None else shifts
         # A path with the object, which is shortened unless its orientation is constrained
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
@@ -262,6 +239,74 @@ class Placer:
             StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
             Placing(path, turned.lift, turned.leave, down.parting, min(down.clearance, clearance)),
         )
+
+
+class PlaceSearch:
+    """The branch-and-bound search for the best place after one attempt.
+
+    The release with the highest ``bound`` of its score is extended by one step: its lines, then the transfer.
+    """
+
+    def __init__(
+        self, placer: Placer, attempt: Attempt, seeds: list[int], scores: Scores, tried: list[int], bounds: list[float]
+    ) -> None:
+        self._placer, self._attempt, self._seeds, self._scores, self._tried = placer, attempt, seeds, scores, tried
+        self._queue: list[tuple[float, int, Release | None]] = [(-bound, k, None) for k, bound in enumerate(bounds)]
+        heapq.heapify(self._queue)
+        self._without_lines, self._without_transfer = dict[int, StageResult](), list[StageResult]()
+        self.succeeded = False
+
+    def __len__(self) -> int:
+        return len(self._queue)
+
+    @property
+    def bound(self) -> float:
+        """Upper bound of the scores of the releases that are left; minus infinity without any."""
+        return -self._queue[0][0] if self._queue else -np.inf
+
+    @step(Stage.PLACE.value)
+    def extend(self, least: float = -np.inf) -> tuple[StageResult, Placing] | None:
+        """Extend a release; the place, if it is complete. Scores below ``least`` are not wanted."""
+        _, order, down = heapq.heappop(self._queue)
+        placer, attempt = self._placer, self._attempt
+        member, place = attempt.candidate.member, placer.task.place
+        if place is None:
+            return None
+        if down is None:
+            down = placer.lines(member, self._tried[order], place)
+            if down.why:
+                self._without_lines[order] = _failure(down)
+            else:
+                heapq.heappush(self._queue, (-float(self._bounds(down)[1].max()), order, down))
+            return None
+        shifts, bounds = self._bounds(down)
+        result, placing = placer.transfer(place, attempt, down, self._seeds, shifts[bounds >= least])
+        if placing is None:
+            self._without_transfer.append(result)
+            return None
+        self.succeeded = True
+        return result, placing
+
+    def _bounds(self, down: Release) -> tuple[Array, Array]:
+        """The full rotations (k, n) of the lines of a release, and the bounds (k,) of the scores with them."""
+        arm, shifts = self._placer.task.arm, self._placer.goals(self._attempt, down)
+        low, high = span(down.q, down.lift, down.leave)
+        seconds = least_times(down.entrance + shifts - self._attempt.exit, arm.limits, full_speed=True)
+        margins = limit_margin(arm, low + shifts, high + shifts)
+        return shifts, self._scores.bound(down.clearance, seconds, margins, down.lift, down.leave)
+
+    def failure(self) -> StageResult:
+        """Why no release is possible: the reason of the one with the most possible parts."""
+        task, member = self._placer.task, self._attempt.candidate.member
+        failed = (*(self._without_lines[order] for order in sorted(self._without_lines)), *self._without_transfer)
+        if not failed:
+            target = task.target(task.release(member))
+            return out_of_reach(task, Stage.PLACE, target, self._placer.seed, "the release is out of reach", "it")
+        farthest = max(failed, key=lambda result: result.figures["passed"])
+        if (count := len(self._placer.releases(member))) > 1:
+            message = f"{farthest.message}; {len(self._tried)} of {count} IK solutions at the release were tried"
+            farthest = replace(farthest, message=message)
+        return farthest
 
 
 def _failure(down: Release) -> StageResult:

@@ -376,7 +376,7 @@ def suggest(
     """
     # Only stages whose failure a small change can correct
     budget, stage = task.cell.budget.remedies, failed.stage
-    if not budget or stage in NO_SUGGESTION:
+    if not budget or stage in NO_SUGGESTION or (stage is Stage.GRIP and task.cell.closed_contact is not None):
         return ()
 
     def possible(other: Pick) -> bool:

@@ -84,6 +84,15 @@ class PickCell:
         return closed if fingers is None else closed.with_attached(*fingers.gripping())
 
     @cached_property
+    def closed_contact(self) -> GripResult | None:
+        """The failure of every grip if the closed hand is in contact at every configuration of the arm, else None."""
+        if not (contacts := self.closed_hand.fixed_contacts):
+            return None
+        message = f"the hand cannot be closed: {'; '.join(map(str, contacts))} at every configuration of the arm"
+        proven = bool(self.closed_hand.finer_at(self.home).fixed_contacts)  # not only between convex hulls of meshes
+        return GripResult(held=False, message=message, proven=proven)
+
+    @cached_property
     def hand(self) -> tuple[str, ...]:
         """The names of all bodies and links that may touch the object."""
         urdf, shared = self.arm.robot.urdf, self.shared
@@ -303,6 +312,8 @@ class PickTask:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
         # Picks of equal parts often have the same grasp of the part
         cell, shared, along = self.cell, self.cell.shared, self._along(member)
+        if cell.closed_contact is not None:
+            return cell.closed_contact
         key, known = self._grip_key(member), cell.grips
         if key in known:
             return known[key]

@@ -98,7 +98,7 @@ def _read_only(view: Any) -> Array:
 
 def frozen(transform: pin.SE3) -> FrozenSE3:
     """Return a read-only copy of a transform."""
-    return transform if type(transform) is FrozenSE3 else FrozenSE3(transform.rotation, transform.translation)
+    return transform if type(transform) is FrozenSE3 else FrozenSE3(transform)
 
 
 def pose(

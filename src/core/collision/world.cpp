@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -31,31 +30,43 @@ Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
     return bounds;
 }
 
+// An obstacle while the tree is built.
+struct Member {
+    Vec3 centre;
+    int body;
+};
+
 // Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
-void add_nodes(std::vector<ObstacleNode>& nodes, std::span<int> members, const std::vector<Bounds>& bounds) {
+void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, const std::vector<Bounds>& bounds) {
     const std::size_t here = nodes.size();
-    ObstacleNode node{bounds[members[0]].low, bounds[members[0]].high, 0, -1};
-    Vec3 low = bounds[members[0]].centre, high = low;
-    for (int member : members) {
-        const Bounds& each = bounds[member];
+    if (members.size() == 1) {
+        const Bounds& own = bounds[members[0].body];
+        nodes.push_back({own.low, own.high, static_cast<int>(here) + 1, members[0].body});
+        return;
+    }
+    Vec3 low = members[0].centre, high = low;
+    for (const Member& member : members)
         for (int i = 0; i < 3; ++i) {
-            coordinate(node.low, i) = std::min(node.low[i], each.low[i]);
-            coordinate(node.high, i) = std::max(node.high[i], each.high[i]);
-            coordinate(low, i) = std::min(low[i], each.centre[i]);
-            coordinate(high, i) = std::max(high[i], each.centre[i]);
+            coordinate(low, i) = std::min(low[i], member.centre[i]);
+            coordinate(high, i) = std::max(high[i], member.centre[i]);
         }
+    const Vec3 width = high - low;
+    const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
+    const std::size_t half = members.size() / 2;
+    std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), [&](auto& a, auto& b) {
+        const double x = a.centre[longest], y = b.centre[longest];
+        return x != y ? x < y : a.body < b.body;  // a total order, so that every library builds the same tree
+    });
+    nodes.emplace_back();
+    add_nodes(nodes, members.first(half), bounds);
+    const std::size_t second = nodes.size();
+    add_nodes(nodes, members.subspan(half), bounds);
+    ObstacleNode& node = nodes[here];
+    node = {nodes[here + 1].low, nodes[here + 1].high, static_cast<int>(nodes.size()), -1};
+    for (int i = 0; i < 3; ++i) {
+        coordinate(node.low, i) = std::min(node.low[i], nodes[second].low[i]);
+        coordinate(node.high, i) = std::max(node.high[i], nodes[second].high[i]);
     }
-    if (members.size() == 1) node.body = members[0];
-    nodes.push_back(node);
-    if (members.size() > 1) {
-        const Vec3 width = high - low;
-        const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
-        std::ranges::stable_sort(members, {}, [&](int member) { return bounds[member].centre[longest]; });
-        const std::size_t half = members.size() / 2;
-        add_nodes(nodes, members.first(half), bounds);
-        add_nodes(nodes, members.subspan(half), bounds);
-    }
-    nodes[here].skip = static_cast<int>(nodes.size());
 }
 
 // The joints between the bodies on joints a and b, from a to b; how many of them carry a.
@@ -85,8 +96,8 @@ Obstacles::Obstacles(std::vector<Body> bodies_) : bodies(std::move(bodies_)) {
         at_rest.push_back(placed(body.joint_from_body, *body.shape));
         bounds.push_back(bounds_of(at_rest.back(), body.shape->half));
     }
-    std::vector<int> members(bounds.size());
-    std::iota(members.begin(), members.end(), 0);
+    std::vector<Member> members;
+    for (std::size_t i = 0; i < bounds.size(); ++i) members.push_back({bounds[i].centre, static_cast<int>(i)});
     nodes.reserve(2 * bounds.size());
     if (!members.empty()) add_nodes(nodes, members, bounds);
 }
@@ -111,14 +122,14 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
     : geometry(std::move(geometry_)) {
     const Geometry& space = *geometry;
     const std::size_t obstacles = space.bodies.size() - space.robot_bodies;
-    obstacle_pairs.assign(space.robot_bodies * obstacles, -1);
-    pairs.resize(margins.size());
+    std::vector<int> with_obstacles(space.robot_bodies * obstacles, -1);
+    std::vector<Pair> made(margins.size());
     // All pairs of a body with obstacles have the same joints between them: for each body, the first such pair.
     std::vector<int> first_pair(space.robot_bodies, -1);
     std::vector<int> adjacent;
     for (std::size_t k = 0; k < margins.size(); ++k) {
         const int index = static_cast<int>(k);
-        Pair& pair = pairs[k];
+        Pair& pair = made[k];
         pair.a = static_cast<int>(bodies[2 * k]);
         pair.b = static_cast<int>(bodies[2 * k + 1]);
         pair.margin = margins[k];
@@ -128,7 +139,7 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         if (pair.with_obstacle) widest_margin = std::max(widest_margin, pair.margin);
         std::ptrdiff_t influences = 0;
         if (pair.with_obstacle && first_pair[pair.a] >= 0) {
-            const Pair& first = pairs[first_pair[pair.a]];
+            const Pair& first = made[first_pair[pair.a]];
             pair.first = first.first;
             pair.joints = first.joints;
             pair.up = first.up;
@@ -147,7 +158,7 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         if (!pair.moving) {
             still.push_back(index);
         } else if (pair.with_obstacle) {
-            obstacle_pairs[pair.a * obstacles + pair.b - space.robot_bodies] = index;
+            with_obstacles[pair.a * obstacles + pair.b - space.robot_bodies] = index;
         } else {
             own.push_back(index);
             if (influences == 1 && pair.convex) adjacent.push_back(index);
@@ -160,22 +171,26 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         const std::vector<double> zeros(space.tree.dof, 0.0);
         place(space, zeros.data(), joints, at);
         for (int k : adjacent) {
-            Pair& pair = pairs[k];
+            Pair& pair = made[k];
             Separation separation;
             bound_distance(shape(pair.a), shape(pair.b), relative(at[pair.a].root_from_body, at[pair.b].root_from_body),
                            {}, separation);
             pair.first_direction = separation.direction;
         }
     }
+    pairs = Shared(std::move(made));
+    obstacle_pairs = Shared(std::move(with_obstacles));
 }
 
 World World::with_margins(std::span<const double> margins) const {
     World other = *this;
+    std::vector<Pair> made = pairs.copy();
     other.widest_margin = 0.0;
-    for (std::size_t k = 0; k < pairs.size(); ++k) {
-        other.pairs[k].margin = margins[k];
-        if (pairs[k].with_obstacle) other.widest_margin = std::max(other.widest_margin, margins[k]);
+    for (std::size_t k = 0; k < made.size(); ++k) {
+        made[k].margin = margins[k];
+        if (made[k].with_obstacle) other.widest_margin = std::max(other.widest_margin, margins[k]);
     }
+    other.pairs = Shared(std::move(made));
     return other;
 }
 

@@ -81,15 +81,34 @@ struct Pair {
     Vec3 first_direction;
 };
 
+// A list that copies of a world share.
+template <class T>
+class Shared {
+public:
+    Shared() = default;
+    explicit Shared(std::vector<T> items) : owner_(std::make_shared<std::vector<T>>(std::move(items))), span_(*owner_) {}
+
+    const T& operator[](std::size_t i) const { return span_[i]; }
+    const T& at(std::size_t i) const { return owner_->at(i); }
+    std::size_t size() const { return span_.size(); }
+    auto begin() const { return span_.begin(); }
+    auto end() const { return span_.end(); }
+    std::vector<T> copy() const { return {begin(), end()}; }
+
+private:
+    std::shared_ptr<const std::vector<T>> owner_;
+    std::span<const T> span_;
+};
+
 struct World {
     std::shared_ptr<const Geometry> geometry;
-    std::vector<Pair> pairs;
+    Shared<Pair> pairs;
     std::vector<int> between;  // joints between the bodies of all pairs, see Pair::first
     std::vector<int> own;      // the moving pairs of two bodies of the robot
     std::vector<int>
         around;              // the robot's bodies with obstacle pairs, from the hand to the base, likely contacts first
-    std::vector<int> still;  // the pairs that no joint moves relative to each other
-    std::vector<int> obstacle_pairs;  // (robot bodies, obstacles) the moving pair of each, or -1
+    std::vector<int> still;      // the pairs that no joint moves relative to each other
+    Shared<int> obstacle_pairs;  // (robot bodies, obstacles) the moving pair of each, or -1
     bool uses_obstacles = true;       // false: only `own` is checked
     double widest_margin = 0.0;       // of a pair with an obstacle
 

@@ -780,13 +780,15 @@ def struct(
         def __post_init__(self: Any) -> None:
             own = getattr(self, "name", None)
             of = f" of {title.replace('_', ' ')} {own!r}" if isinstance(own, str) and own else ""
-            for name, kind in made._struct.kinds.items():
+            for name, kind, label in made._struct.labelled:
+                given = getattr(self, name)
                 try:
-                    value = kind.check(f"{name}{of}" if of else f"{cls.__name__}.{name}", getattr(self, name))
+                    value = kind.check(f"{name}{of}" if of else label, given)
                 except InputError as error:
                     error.argument = name
                     raise
-                object.__setattr__(self, name, value)
+                if value is not given:
+                    object.__setattr__(self, name, value)
             # Relations of several keys come after the keys themselves, so that they compare valid values
             for rule in rules:
                 if isinstance(rule, Rule) and (reason := rule.broken(self)):
@@ -833,6 +835,11 @@ class _Struct:
                 kind = Kind(TEXT.schema, ANY_TEXT.check, TEXT.parse)
             kinds[each.name] = kind
         return kinds
+
+    @cached_property
+    def labelled(self) -> list[tuple[str, Any, str]]:
+        """The name and the kind of each field, and how messages name it."""
+        return [(name, kind, f"{self.cls.__name__}.{name}") for name, kind in self.kinds.items()]
 
     @cached_property
     def table(self) -> Table:

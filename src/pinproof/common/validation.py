@@ -35,11 +35,14 @@ def named_arguments(kind: Kind) -> Kind:
     @functools.wraps(create)
     def checked(self: Any, *args: Any, **kwargs: Any) -> None:
         try:
-            signature.bind(*args, **kwargs)
-        except TypeError as error:
-            call = f"{kind.__name__}({', '.join(signature.parameters)})"
-            raise InputError(f"{kind.__name__}: {error}; write {call}") from None
-        create(self, *args, **kwargs)
+            create(self, *args, **kwargs)
+        except TypeError:
+            try:
+                signature.bind(*args, **kwargs)
+            except TypeError as error:
+                call = f"{kind.__name__}({', '.join(signature.parameters)})"
+                raise InputError(f"{kind.__name__}: {error}; write {call}") from None
+            raise
 
     kind.__init__ = checked  # type: ignore[misc]
     return kind

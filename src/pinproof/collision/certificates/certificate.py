@@ -27,9 +27,9 @@ from pinproof.collision.certificates.path_constraints import (
 )
 from pinproof.collision.checking.assembly import ExcludedPair
 from pinproof.collision.checking.spec import EXAMINED, CheckerSpec, present_stamp
-from pinproof.collision.geometry.bodies import FileStamp
+from pinproof.collision.geometry.bodies import BoxBody, FileStamp
 from pinproof.collision.geometry.occupancy import OccupancyGrid
-from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.geometry.shapes import Box, Mesh, Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.files import os_errors
 from pinproof.common.results import Shown, View
@@ -112,13 +112,16 @@ def setup_of(checker: CollisionChecker) -> Setup:
 
 def _known_setup(checker: CollisionChecker) -> _KnownSetup:
     """Return the mesh files of a checker and the notes on it."""
-    arm, notes, objects = checker.group, list(checker.scene.notes), (*checker.attached, *checker.scene.obstacles)
+    arm, notes = checker.group, list(checker.scene.notes)
+    # Of boxes, nothing is to be noted.
+    bodies = [body for body in checker.bodies if type(body) is not BoxBody]
+    objects = [thing for thing in (*checker.attached, *checker.scene.obstacles) if type(thing.shape) is not Box]
     # Bodies and pairs with one remark are listed together.
     by_remark: dict[str, dict[str, None]] = {}
-    for body in checker.bodies:
+    for body in bodies:
         if body.remark:
             by_remark.setdefault(body.remark, {})[body.owner] = None
-    for thing in checker.scene.obstacles:  # a grid without an occupied cell has no body
+    for thing in objects:  # a grid without an occupied cell has no body
         if isinstance(thing.shape, OccupancyGrid):
             by_remark.setdefault(thing.shape.remark, {})[thing.name] = None
     notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
@@ -127,7 +130,7 @@ def _known_setup(checker: CollisionChecker) -> _KnownSetup:
         how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
     notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
     # A link that is drawn, but has no collision geometry, is not checked.
-    solid = {body.link for body in checker.bodies if body.owner == body.link}
+    solid = {body.link for body in bodies if body.owner == body.link}
     if not solid:
         notes.append("the robot has no collision geometry, so its links are not checked")
     elif arm.robot.has_generated_bodies:
@@ -139,7 +142,7 @@ def _known_setup(checker: CollisionChecker) -> _KnownSetup:
     paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
     return _KnownSetup(
         [None if path is None else os.fspath(path) for path in paths],
-        list(dict.fromkeys(body.file for body in checker.bodies if body.file is not None)),
+        list(dict.fromkeys(body.file for body in bodies if body.file is not None)),
         notes,
         [f"joints outside the arm are held fixed: {_some(held)}"] if held else [],
     )

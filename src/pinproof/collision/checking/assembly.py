@@ -25,7 +25,7 @@ from pinproof._core import Body as PlacedBody
 from pinproof._core import Geometry, Joint, JointTree, Obstacles, World
 from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, Overlaps
 from pinproof.collision.checking.spec import CheckerSpec, Levels
-from pinproof.collision.geometry.bodies import Body, shape_bodies
+from pinproof.collision.geometry.bodies import Body, box_of, make_boxes, shape_bodies
 from pinproof.collision.geometry.shapes import ANYTHING, Mesh, Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.description import OVERLAP_REASON, UrdfJoint
@@ -586,17 +586,26 @@ def assemble(
     if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
         raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
     # Bodies of obstacles are made once and kept, because derived checkers have the same obstacles.
+    known: Known = {} if before is None else before.known
     made: Known = {}
-    bodies, extent = list(links), max((1.0, *(body.extent for body in links)))
+    make_boxes(scene.obstacles)
+    bodies, extent = list(links), max((1.0, *[body.extent for body in links]))
     obstacles: dict[str, range] = {}
-    for link, thing in (*((arm.tcp_of(o.arm), o) for o in spec.attached), *((None, o) for o in scene.obstacles)):
-        entry = None if before is None else before.known.get((id(thing), link))
+    for link, thing in [*[(arm.tcp_of(o.arm), o) for o in spec.attached], *[(None, o) for o in scene.obstacles]]:
+        start = len(bodies)
+        box = box_of(thing) if link is None else None
+        if box is not None:
+            bodies.append(box)
+            obstacles[thing.name] = range(start, start + 1)
+            if box.extent > extent:
+                extent = box.extent
+            continue
+        entry = known.get((id(thing), link))
         if entry is None or entry[0] is not thing:
             own = tuple(shape_bodies(thing.name, link, thing.shape, thing.pose))
             entry = thing, own, max((body.extent for body in own), default=0.0)
         made[id(thing), link] = entry
         extent = max(extent, entry[2])
-        start = len(bodies)
         bodies += entry[1]
         if link is None and len(bodies) > start:
             obstacles[thing.name] = range(start, len(bodies))
@@ -623,11 +632,12 @@ def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
     shapes = {obstacle.name: obstacle.shape for obstacle in spec.scene.obstacles}
     warned: set[str] = set()
     far = FAR * spec.arm.robot.size
-    boxes = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
-    large = (boxes[:, 1] - boxes[:, 0]).max(axis=1) > min(LARGEST_MESH, far)
-    for body in (bodies[i] for i in np.flatnonzero(large).tolist()):
+    large = min(LARGEST_MESH, far)
+    for body in bodies:
+        if body.extent < large / 2:  # so that no side is larger, unless it is infinite
+            continue
         sides = (body.box[1] - body.box[0]).tolist()
-        if body.owner in warned:
+        if max(sides) <= large or body.owner in warned:
             continue
         # How large a body may be depends on its kind: meshes are often in millimetres.
         name, most = f"size of obstacle {body.owner!r}", MOST_REACH

@@ -539,7 +539,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         self.__dict__.pop("pairs", None)
         self.__dict__.update(bodies=made.bodies, excluded=tuple(excluded), finer=tuple(finer), rounding=made.rounding)
         self._assembly, self._pairs, self._geometry_model = made, checked, None
-        self._exact = tuple([body for body in made.bodies if body.support is None and body.is_exact])
+        self._exact = tuple([body for body in made.bodies if body.is_exact and body.support is None])
         self._set_margins(made.geometry)
 
     def _set_margins(self, geometry: Geometry | None = None) -> None:

@@ -16,14 +16,16 @@ from contextvars import ContextVar
 from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from pinproof._core import describe_boxes
 from pinproof.collision.checking.links import LinkMeshes
-from pinproof.collision.geometry.bodies import FileStamp
-from pinproof.collision.geometry.shapes import Mesh, Obstacle
+from pinproof.collision.geometry.bodies import FileStamp, box_of
+from pinproof.collision.geometry.shapes import BODY, Mesh, Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
@@ -185,14 +187,21 @@ class CheckerSpec(Changeable):
         digest = _hash_of(self.arm, tuple(map(content_hash, meshes))).copy()
         digest.update(repr((self.scene.allowed, self.scene.disabled, robot.srdf.disabled)).encode())
         # Meshes of obstacles and attached objects count by content, wherever their files are.
-        for obstacle in (*self.attached, None, *self.scene.obstacles):
-            if obstacle is None:  # separates the attached objects from the scene
-                digest.update(b"scene")
+        things = (*self.attached, None, *self.scene.obstacles)  # None separates the attached objects from the scene
+        for are_boxes, group in groupby(things, lambda thing: hasattr(thing, BODY)):
+            if are_boxes:  # they are described as all others, many at once
+                boxes: list[Any] = list(group)
+                cores = [box_of(box).core_obstacle for box in boxes]
+                digest.update(describe_boxes([repr(box.name) for box in boxes], cores))
                 continue
-            description = repr((obstacle.name, obstacle.shape, obstacle.arm)).encode()
-            digest.update(description + matrix(obstacle.pose).tobytes())
-            if isinstance(obstacle.shape, Mesh):
-                digest.update(content_hash(obstacle.shape.path).encode())
+            for obstacle in group:
+                if obstacle is None:
+                    digest.update(b"scene")
+                    continue
+                description = repr((obstacle.name, obstacle.shape, obstacle.arm)).encode()
+                digest.update(description + matrix(obstacle.pose).tobytes())
+                if isinstance(obstacle.shape, Mesh):
+                    digest.update(content_hash(obstacle.shape.path).encode())
         for mover in movers:
             digest.update(mover.identity().encode())
         return digest.hexdigest()

@@ -10,7 +10,7 @@ import logging
 import math
 import os
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -23,10 +23,12 @@ import pinocchio as pin
 
 from pinproof._core import Body as CoreBody
 from pinproof._core import Shape as CoreShape
+from pinproof._core import box_bodies
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import Inside, Solid, Surface, bvh, convex_hull, core_mesh, hull_of_any
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
+    BODY,
     Box,
     Capsule,
     Cone,
@@ -66,6 +68,8 @@ CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 
 ENDS = np.array([[-1.0] * 3, [1.0] * 3])
 """Its lowest and its highest corner."""
+
+ORIGIN = 0.0, 0.0, 0.0
 
 NO_DISCS, NO_AXES = np.zeros(8), np.zeros(3)
 """The discs at the corners of a box, and the ellipsoid added to it; boxes share these arrays, which are read-only."""
@@ -245,7 +249,51 @@ class Body:
         """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
         low, high = self.box.tolist()
         sides = [abs(x) for x in (*low, *high) if x - x == 0.0]  # the finite ones
-        return max(sides, default=0.0) + math.dist((0.0, 0.0, 0.0), matrix(self.link_from_body)[:3, 3].tolist())
+        return max(sides, default=0.0) + math.dist(ORIGIN, matrix(self.link_from_body)[:3, 3].tolist())
+
+
+class BoxBody(Body):
+    """A box as an obstacle, of which coal's shape, corners and support function are made on first access."""
+
+    shape: Box
+    link, _read = None, 0
+
+    @cached_property
+    def _made(self) -> Made:
+        return _made(self.shape, self.owner, None)
+
+    geometry = cached_property(lambda self: self._made[0])  # type: ignore[assignment]
+    box = cached_property(lambda self: self._made[1])  # type: ignore[assignment]
+    support = cached_property(lambda self: self._made[2])  # type: ignore[assignment]
+    is_exact = False  # type: ignore[assignment]
+
+
+def make_boxes(obstacles: Iterable[Obstacle]) -> None:
+    """Make the bodies of obstacles that are boxes, which obstacles keep; all at once, because scenes may have 100,000.
+
+    :func:`box_of` returns the body of an obstacle.
+    """
+    missing: list[Any] = [o for o in obstacles if type(o.shape) is Box and box_of(o) is None]
+    if not missing:
+        return
+    halves = np.array([(o.shape.x, o.shape.y, o.shape.z) for o in missing]) / 2
+    poses = np.array([o.pose.homogeneous for o in missing])
+    lengths = zip(halves.max(axis=1).tolist(), poses[:, :3, 3].tolist(), strict=True)
+    put = object.__setattr__  # both are frozen
+    for thing, core, (half, at) in zip(missing, box_bodies(halves, poses), lengths, strict=True):
+        body = object.__new__(BoxBody)
+        put(body, "name", thing.name)
+        put(body, "owner", thing.name)
+        put(body, "link_from_body", thing.pose)
+        put(body, "shape", thing.shape)
+        put(body, "core_obstacle", core)
+        put(body, "extent", half + math.dist(ORIGIN, at))
+        put(thing, BODY, body)
+
+
+def box_of(obstacle: Obstacle) -> BoxBody | None:
+    """Return the body of a box that :func:`make_boxes` made; None for any other obstacle."""
+    return getattr(obstacle, BODY, None)
 
 
 def one_inside_other(one: Body, at: pin.SE3, other: Body, other_at: pin.SE3) -> bool:
@@ -346,7 +394,9 @@ def _made(shape: Shape, owner: str, link: str | None) -> Made:
 
 def _box(x: float, y: float, z: float) -> Made:
     half = np.array((x, y, z)) / 2
-    return coal.Box(x, y, z), ENDS * half, Support(CORNERS * half, 0.0, NO_DISCS, NO_AXES), None
+    ends = ENDS * half
+    ends.setflags(write=False)
+    return coal.Box(x, y, z), ends, Support(CORNERS * half, 0.0, NO_DISCS, NO_AXES), None
 
 
 def _convex(

@@ -18,6 +18,7 @@ from typing import Any, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import is_rigid
 from pinproof.collision.geometry.hulls import refuse_flat
 from pinproof.collision.geometry.occupancy import GRID, OccupancyGrid, stated_grid
 from pinproof.collision.geometry.shape_values import (
@@ -338,9 +339,8 @@ Shape = (
     | Mesh
 )
 
-SHAPES_BY_KEY: dict[str, type[Shape]] = {
-    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", k.__name__).lower(): k for k in get_args(Shape)
-}
+SHAPES: tuple[type[Shape], ...] = get_args(Shape)
+SHAPES_BY_KEY = {re.sub(r"(?<=[a-z])(?=[A-Z])", "_", k.__name__).lower(): k for k in SHAPES}
 """Every shape by its key in files: ``half_space`` for :class:`HalfSpace`."""
 
 ANYTHING = "*"
@@ -376,18 +376,24 @@ SHAPE = Table(
 
 
 def _shape(name: str, value: Any) -> Shape:
-    if not isinstance(value, get_args(Shape)):
-        kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
+    if type(value) not in SHAPES and not isinstance(value, SHAPES):
+        kinds = ", ".join(kind.__name__ for kind in SHAPES)
         raise InputError(f"{name} is {value!r}; valid:  {kinds}")
     return value
 
 
 def _nearby(name: str, value: Any) -> SE3:
-    placed = SE3.Identity() if value is None else rigid(name, value)
-    if float(np.abs(placed.translation).max()) > LARGEST_SIZE:
-        where = placed.translation.tolist()
+    placed = SE3.Identity() if value is None else value
+    if not isinstance(placed, SE3) or not is_rigid(placed.homogeneous):
+        placed = rigid(name, placed)
+    where = placed.homogeneous[:3, 3].tolist()
+    if max(map(abs, where)) > LARGEST_SIZE:
         raise InputError(f"{name} is at {where}; coordinates are limited to {LARGEST_SIZE:g} m")
     return frozen(placed)
+
+
+BODY = "_body"
+"""The attribute of an obstacle that keeps its body, if it is a box."""
 
 
 def _one_arm(name: str, value: Any) -> str:
@@ -423,6 +429,9 @@ class Obstacle:
         kind=simple({}, _one_arm),
         hidden=True,
     )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != BODY}
 
 
 def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:

@@ -126,7 +126,7 @@ void append_repr(std::string& text, double number) {
 
 // What the hash of a setup covers of boxes: repr((name, shape, None)), and the numbers of the pose. The core writes
 // numbers ten times as fast as Python.
-nb::bytes describe_boxes(const nb::list& names, const nb::list& boxes) {
+nb::bytes describe_boxes(const nb::typed<nb::list, nb::str>& names, const nb::typed<nb::list, Body>& boxes) {
     require_size("names", names.size(), boxes.size());
     std::string text;
     text.reserve(256 * boxes.size());

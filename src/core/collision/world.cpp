@@ -36,8 +36,30 @@ struct Member {
     int body;
 };
 
+// The axes along which obstacles were halved, the latest first: obstacles at one place along it are in the order along
+// the earlier ones, and then of their numbers.
+struct Axes {
+    int axis[3];
+    int count = 0;
+
+    void put_first(int latest) {
+        int* end = std::remove(axis, axis + count, latest);
+        std::copy_backward(axis, end, end + 1);
+        axis[0] = latest;
+        count = static_cast<int>(end - axis) + 1;
+    }
+    bool operator()(const Member& a, const Member& b) const {
+        for (int i = 0; i < count; ++i) {
+            const double x = a.centre[axis[i]], y = b.centre[axis[i]];
+            if (x != y) return x < y;
+        }
+        return a.body < b.body;
+    }
+};
+
 // Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
-void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, const std::vector<Bounds>& bounds) {
+void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, const std::vector<Bounds>& bounds,
+               Axes axes = {}) {
     const std::size_t here = nodes.size();
     if (members.size() == 1) {
         const Bounds& own = bounds[members[0].body];
@@ -51,16 +73,13 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, cons
             coordinate(high, i) = std::max(high[i], member.centre[i]);
         }
     const Vec3 width = high - low;
-    const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
+    axes.put_first(width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2);
     const std::size_t half = members.size() / 2;
-    std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), [&](auto& a, auto& b) {
-        const double x = a.centre[longest], y = b.centre[longest];
-        return x != y ? x < y : a.body < b.body;  // a total order, so that every library builds the same tree
-    });
+    std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), axes);
     nodes.emplace_back();
-    add_nodes(nodes, members.first(half), bounds);
+    add_nodes(nodes, members.first(half), bounds, axes);
     const std::size_t second = nodes.size();
-    add_nodes(nodes, members.subspan(half), bounds);
+    add_nodes(nodes, members.subspan(half), bounds, axes);
     ObstacleNode& node = nodes[here];
     node = {nodes[here + 1].low, nodes[here + 1].high, static_cast<int>(nodes.size()), -1};
     for (int i = 0; i < 3; ++i) {

@@ -191,7 +191,7 @@ class CheckerSpec(Changeable):
         for are_boxes, group in groupby(things, lambda thing: hasattr(thing, BODY)):
             if are_boxes:  # they are described as all others, many at once
                 boxes: list[Any] = list(group)
-                cores = [box_of(box).core_obstacle for box in boxes]
+                cores = [box.core_obstacle for box in map(box_of, boxes) if box is not None]
                 digest.update(describe_boxes([repr(box.name) for box in boxes], cores))
                 continue
             for obstacle in group:

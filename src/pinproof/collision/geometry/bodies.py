@@ -262,10 +262,10 @@ class BoxBody(Body):
     def _made(self) -> Made:
         return _made(self.shape, self.owner, None)
 
-    geometry = cached_property(lambda self: self._made[0])  # type: ignore[assignment]
-    box = cached_property(lambda self: self._made[1])  # type: ignore[assignment]
-    support = cached_property(lambda self: self._made[2])  # type: ignore[assignment]
-    is_exact = False  # type: ignore[assignment]
+    geometry = cached_property(lambda self: self._made[0])
+    box = cached_property(lambda self: self._made[1])
+    support = cached_property(lambda self: self._made[2])
+    is_exact = False
 
 
 def make_boxes(obstacles: Iterable[Obstacle]) -> None:

@@ -187,12 +187,13 @@ public:
     }
 
     Approach rough(std::size_t pair) const { return bounds_.rough(world_->pairs.at(pair)); }
-    Approach tight(std::size_t pair, const Vector& u, int split, const Matrix& piece) const {
+    Approach tight(std::size_t pair, const Vector& u, int split, const Matrix& piece) {
         const double* control = shaped("piece", piece, {kSome, q_.size()}).data();
         if (split < 0 || static_cast<std::size_t>(split) > world_->pairs.at(pair).joints)
             refuse("split exceeds the number of joints between the bodies");
-        return bounds_.tight<true>(world_->pairs.at(pair), split, vec3("u", u), control,
-                                   static_cast<int>(piece.shape(0)), q_.data());
+        const Pair& of = world_->pairs.at(pair);
+        bounds_.set_piece(control, static_cast<int>(piece.shape(0)), q_.data());
+        return {bounds_.tight(of, split, vec3("u", u)), bounds_.growth(of, split, vec3("u", u)), 0.0, split};
     }
 
 private:

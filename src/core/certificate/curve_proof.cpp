@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "collision/boxes.h"
+
 namespace pinproof {
 namespace {
 
@@ -25,6 +27,19 @@ void widen(const double* control, std::size_t points, const std::vector<double>&
     const std::size_t dof = middle.size();
     for (std::size_t r = 0; r < points; ++r)
         for (std::size_t j = 0; j < dof; ++j) delta[j] = std::max(delta[j], std::abs(control[r * dof + j] - middle[j]));
+}
+
+// A unit vector that separates the boxes about two bodies, or one of them and the ball about the other; zeros if these
+// contain each other's centres.
+Vec3 direction_between_boxes(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b) {
+    const Vec3 between = b.centre - a.centre;
+    const Vec3 out_of_a = beyond_box(transposed_times(a.root_from_body.rotation, between), shape_a.half);
+    const Vec3 out_of_b = beyond_box(transposed_times(b.root_from_body.rotation, between), shape_b.half);
+    const double from_a = norm(out_of_a), from_b = norm(out_of_b);
+    const bool of_a = from_a - shape_b.ball > from_b - shape_a.ball;
+    const double length = of_a ? from_a : from_b;
+    if (!(length > 0.0)) return {};
+    return (1.0 / length) * (of_a ? a.root_from_body.rotation * out_of_a : b.root_from_body.rotation * out_of_b);
 }
 
 }  // namespace
@@ -91,8 +106,8 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         sum.joint_tube = state_.joint_tube;
         sum.obstacle_tube = state_.obstacle_tube;
         if (interval.all_pairs) list_pairs(interval, sum);
-        judge_pairs(interval, control, sum);
         ++state_.intervals;
+        judge_pairs(interval, sum);
         state_.proven = sum.proven;
         state_.joint_tube = sum.joint_tube;
         state_.obstacle_tube = sum.obstacle_tube;
@@ -101,14 +116,17 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
             stack_.clear();
         }
         if (sum.open == 0) continue;
-        const bool spent = state_.intervals >= settings_.max_intervals;
-        if (sum.step < settings_.tolerance || spent || stack_.size() + 2 > kDepth) {
-            if (!decide(interval, sum)) break;
-        } else {
+        if (is_bisected(sum))
             bisect(interval, middle, sum);
-        }
+        else if (!decide(interval, sum))
+            break;
     }
     return std::move(state_);
+}
+
+// Whether an interval with open pairs is bisected.
+bool CurveProof::is_bisected(const Summary& sum) const {
+    return !(sum.step < settings_.tolerance) && state_.intervals < settings_.max_intervals && stack_.size() + 2 <= kDepth;
 }
 
 // What is known of a pair. Few pairs of a world with thousands of obstacles are measured.
@@ -124,6 +142,13 @@ CurveProof::PairMemory& CurveProof::memory_of(int pair) {
 // The distance (m) at which a pair with this margin is dropped.
 double CurveProof::goal(double margin) const {
     return std::isfinite(state_.spare) ? margin + settings_.goal_share * std::max(state_.spare, 0.0) : margin;
+}
+
+// A distance (m) that is proven of a pair beyond this is not the smallest one.
+double CurveProof::clear(const Pair& pair, const Summary& sum) const {
+    const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
+    const double smallest = settings_.wants_tubes ? std::min(sum.proven + moved, state_.observed) : -kInfinity;
+    return std::max(goal(pair.margin), smallest);
 }
 
 void CurveProof::push(const Interval& interval, const double* control) {
@@ -151,6 +176,7 @@ CurveProof::Middle CurveProof::place_middle(const Interval& interval, const doub
     }
     place(world_.space(), middle_.data(), joints_, bodies_);
     bounds_.set(joints_, bodies_, delta_.data(), joint_tolerance_);
+    if (is_single_piece(interval)) bounds_.set_piece(control, static_cast<int>(curve_.points), middle_.data());
     return middle;
 }
 
@@ -189,51 +215,73 @@ void CurveProof::list_pairs(Interval& interval, Summary& sum) {
 }
 
 // Judge each pair of an interval; those that stay open follow its list.
-void CurveProof::judge_pairs(const Interval& interval, const double* control, Summary& sum) {
+void CurveProof::judge_pairs(const Interval& interval, Summary& sum) {
     sum.list = interval.list + interval.pairs;
     if (lists_.size() < sum.list + interval.pairs) lists_.resize(sum.list + interval.pairs);
-    for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, control, sum);
+    for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, sum);
+}
+
+// Whether a pair is proven apart in an interval along a direction, by the boxes about its bodies, and so clearly that
+// it changes none of the smallest distances and tolerances that are known.
+bool CurveProof::is_clearly_apart(int k, const Approach& rough, const Summary& sum) const {
+    if (settings_.record) return false;
+    const Geometry& space = world_.space();
+    const Pair& pair = world_.pairs[k];
+    const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
+    const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
+    const Vec3 u = direction_between_boxes(a, shape_a, b, shape_b);
+    const double gap = dot(u, b.centre - a.centre) - extent(a, shape_a, u) - extent(b, shape_b, u);
+    const double clear = this->clear(pair, sum);
+    if (!(gap - space.rounding > clear)) return false;
+    const MotionBounds::Simple approach = bounds_.nearly_tight(pair, rough.split, u);
+    const double certain = gap - approach.distance - space.rounding, slack = certain - pair.margin;
+    if (!(certain > clear)) return false;
+    if (!settings_.wants_tubes) return true;
+    if (!(gap - pair.margin >= state_.spare)) return false;
+    if (pair.with_obstacle && !(slack >= sum.obstacle_tube)) return false;
+    return sum.joint_tube <= kGrowthRange && slack >= approach.growth * sum.joint_tube;
 }
 
 // Judge a pair in an interval.
-void CurveProof::judge(int k, const Interval& interval, const double* control, Summary& sum) {
+void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
     const Geometry& space = world_.space();
     const Pair& pair = world_.pairs[k];
     const double margin = pair.margin, goal = this->goal(margin);
     Approach approach = bounds_.rough(pair);
     double growth_range = kInfinity;
-    const double enough = goal + approach.distance + space.rounding;
+    const double enough = clear(pair, sum) + approach.distance + space.rounding;
+    const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
+    const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
+    // If bodies may move by far more than their distance, or another pair requires that the interval is bisected, only
+    // contact at this configuration is checked by a measurement.
+    const double before = memory_of_pair_[k] < 0 ? kInfinity : memory_[memory_of_pair_[k]].distance;
+    const bool hopeless = !is_single_piece(interval) || approach.distance > kHopeless * std::max(before, goal) ||
+                          (sum.open > 0 && is_bisected(sum));
     std::optional<Transform> a_from_b;
-    double lower = separation_of_bounds(bodies_[pair.a], space.shape(pair.a), bodies_[pair.b], space.shape(pair.b),
-                                        enough, a_from_b);
+    double lower = norm(b.centre - a.centre) - shape_a.ball - shape_b.ball;
+    if (!(lower > enough)) {
+        if (is_single_piece(interval) && is_clearly_apart(k, approach, sum)) return;
+        lower = separation_of_bounds(a, shape_a, b, shape_b, enough, a_from_b);
+    }
     double distance = kInfinity;
     Vec3 direction;
-    if (!(lower > enough)) {
+    if (!(lower > (hopeless ? margin + space.rounding : enough))) {
         PairMemory& memory = memory_of(k);
-        // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
-        // at this configuration is checked.
-        const bool hopeless =
-            !is_single_piece(interval) || approach.distance > kHopeless * std::max(memory.distance, goal);
         const bool quick = settings_.goal_share == 0.0;
         const DistanceQuery query{.above = hopeless ? margin : enough,
                                   .below = margin,
                                   .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
                                   .share = quick ? kQuickShare : 0.0};
-        const DistanceBounds bounds =
-            bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query, memory.separation);
+        const DistanceBounds bounds = bound_distance(shape_a, shape_b, *a_from_b, query, memory.separation);
         lower = bounds.lower;
         distance = bounds.upper;
         if (distance < kInfinity) memory.distance = distance;
         if (!hopeless && pair.convex && !(lower > enough) && distance > margin) {
-            direction = bodies_[pair.a].root_from_body.rotation * memory.separation.direction;
-            const int points = static_cast<int>(curve_.points);
-            const Approach tight =
-                settings_.wants_tubes
-                    ? bounds_.tight<true>(pair, approach.split, direction, control, points, middle_.data())
-                    : bounds_.tight<false>(pair, approach.split, direction, control, points, middle_.data());
-            if (tight.distance < approach.distance) {
-                approach.distance = tight.distance;
-                approach.growth = tight.growth;
+            direction = a.root_from_body.rotation * memory.separation.direction;
+            const double tight = bounds_.tight(pair, approach.split, direction);
+            if (tight < approach.distance) {
+                approach.distance = tight;
+                if (settings_.wants_tubes) approach.growth = bounds_.growth(pair, approach.split, direction);
                 growth_range = kGrowthRange;
             }
         }

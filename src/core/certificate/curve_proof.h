@@ -39,7 +39,7 @@ struct ProofSettings {
     double obstacle_tolerance = 0.0;    // m; allowed displacement of obstacles, included in the margins of their pairs
     double goal_share = 0.0;            // a pair is dropped once this share of the smallest clearance found is proven
     std::int64_t look_ahead = 0;        // intervals to check for a contact after an undecided span
-    bool wants_tubes = false;           // compute by how much joints and obstacles could deviate
+    bool wants_tubes = false;           // compute the clearance, and by how much joints and obstacles could deviate
     bool record = false;                // store the evidence of each pair in each interval
 };
 
@@ -114,12 +114,15 @@ private:
     bool is_single_piece(const Interval& interval) const { return interval.end_piece - interval.first_piece == 1; }
     double* part(std::size_t depth) { return parts_.data() + depth * curve_.points * curve_.dof; }
     double goal(double margin) const;
+    double clear(const Pair& pair, const Summary& sum) const;
     PairMemory& memory_of(int pair);
 
     Middle place_middle(const Interval& interval, const double* part);
     void list_pairs(Interval& interval, Summary& sum);
-    void judge_pairs(const Interval& interval, const double* part, Summary& sum);
-    void judge(int pair, const Interval& interval, const double* part, Summary& sum);
+    void judge_pairs(const Interval& interval, Summary& sum);
+    void judge(int pair, const Interval& interval, Summary& sum);
+    bool is_clearly_apart(int pair, const Approach& rough, const Summary& sum) const;
+    bool is_bisected(const Summary& sum) const;
     bool decide(const Interval& interval, const Summary& sum);
     void bisect(const Interval& interval, const Middle& middle, const Summary& sum);
     void push(const Interval& interval, const double* part);

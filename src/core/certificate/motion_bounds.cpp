@@ -7,15 +7,6 @@
 namespace pinproof {
 namespace {
 
-// The largest g . x over the points x of a body about its centre, by its box or by its ball.
-double extent(const PlacedBody& body, const Shape& shape, const Vec3& g) {
-    const Vec3 local = transposed_times(body.root_from_body.rotation, g);
-    const double box =
-        std::abs(local.x) * shape.half.x + std::abs(local.y) * shape.half.y + std::abs(local.z) * shape.half.z;
-    const double ball = norm(g) * shape.ball;
-    return box < ball ? box : ball;
-}
-
 // The largest speed along u of a point of a body per rate of a joint.
 double speed_along(const Joint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape,
                    const Vec3& u) {
@@ -26,6 +17,14 @@ double speed_along(const Joint& joint, const Transform& axis, const PlacedBody& 
 }
 
 }  // namespace
+
+double extent(const PlacedBody& body, const Shape& shape, const Vec3& g) {
+    const Vec3 local = transposed_times(body.root_from_body.rotation, g);
+    const double box =
+        std::abs(local.x) * shape.half.x + std::abs(local.y) * shape.half.y + std::abs(local.z) * shape.half.z;
+    const double ball = norm(g) * shape.ball;
+    return box < ball ? box : ball;
+}
 
 JointSwing swing_of(bool prismatic, double multiplier, double delta, double extra) {
     JointSwing swing;
@@ -56,6 +55,9 @@ MotionBounds::MotionBounds(const World& world)
       swings_(world.space().tree.joints.size()),
       radius_(world.space().robot_bodies * swings_.size()),
       of_body_(world.space().robot_bodies),
+      remainder_of_(world.space().robot_bodies),
+      per_radius_(swings_.size()),
+      inner_(swings_.size() + 1),
       needed_(world.space().robot_bodies) {
     const JointTree& tree = world.space().tree;
     for (std::size_t body = 0; body < needed_.size(); ++body)
@@ -130,76 +132,109 @@ double MotionBounds::radius_of_any(int body, int k) const {
     return radius_about(world_.space().tree.joints[k], axes_[k], bodies_[body], world_.shape(body));
 }
 
-template <bool wants_growth>
-Approach MotionBounds::tight(const Pair& pair, int split, const Vec3& u, const double* control, int points,
-                             const double* middle) const {
-    const Geometry& space = world_.space();
-    const std::vector<Joint>& joints = space.tree.joints;
-    const std::size_t dof = space.tree.dof;
-    const std::span<const int> path = world_.joints_between(pair);
-    const int count = static_cast<int>(path.size()), up = static_cast<int>(pair.up);
-    const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
-    const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
-    const bool straight = points <= 2;  // A straight piece is symmetric about its middle: one end suffices.
-    double first_order = 0.0;
-    for (int r = 0; r < (straight ? 1 : points); ++r) {
-        // The motion of a point x of a body towards the other is `along` + g . (x - centre).
-        double along = 0.0;
-        Vec3 of_a, of_b;
-        for (int i = 0; i < count; ++i) {
-            const Joint& joint = joints[path[i]];
-            const Transform& axis = axes_[path[i]];
-            double angle = joint.multiplier * (control[r * dof + joint.index] - middle[joint.index]);
-            if (i < up) angle = -angle;
-            const Vec3 w = axis.rotation.column(2);
-            if (joint.prismatic) {
-                along += angle * dot(u, w);
-                continue;
-            }
-            const Vec3 g = angle * cross(u, w);
-            if (i < split) {
-                along += dot(g, a.centre - axis.translation);
-                of_a += g;
-            } else {
-                along += dot(g, b.centre - axis.translation);
-                of_b += g;
-            }
-        }
-        double towards = straight ? std::abs(along) : -along;
-        if (split > 0) towards += extent(a, shape_a, of_a);
-        if (split < count) towards += extent(b, shape_b, of_b);
-        first_order = std::max(first_order, towards);
-    }
-    Approach sum{first_order, 0.0, 0.0, split};
-    // From the separating link outwards, first to a, then to b.
-    const auto add_remainders = [&](int body, const PlacedBody& at, const Shape& shape, int begin, int end, int step) {
-        double turned = 0.0, shares = 0.0;  // sums over the joints between the separating link and this one
-        for (int i = begin; i != end; i += step) {
-            const int k = path[i];
-            const Joint& joint = joints[k];
-            const JointSwing& swing = swings_[k];
-            const double rate = radius_of_any(body, k), extra = extra_[joint.index];
-            sum.distance += rate * (swing.bend + turned * swing.chord);
-            if (wants_growth || extra != 0.0) {
-                const double outward = speed_along(joint, axes_[k], at, shape, u);
-                sum.distance += outward * swing.share * extra;
-                sum.growth += outward * swing.share + rate * (shares * (swing.chord + kGrowthRange * swing.share) +
-                                                              (turned + kGrowthRange * shares) * swing.share);
-                if (!joint.prismatic)  // 1 - cos x + sin x, the derivative of the bend, is at most 2 x and below 2.42
-                    sum.growth += rate * swing.share * std::min(2.0 * (swing.angle + kGrowthRange * swing.share), 2.42);
-            }
-            if (!joint.prismatic) {
-                turned += swing.chord;
-                shares += swing.share;
-            }
-        }
-    };
-    add_remainders(pair.a, a, shape_a, split - 1, -1, -1);
-    add_remainders(pair.b, b, shape_b, split, count, 1);
+// The remainder that a joint adds to a tight bound, per metre of the radius of a body about it, and its growth. `inner`
+// has the sums of the chords and the shares of the joints between the separating link and this one.
+MotionBounds::Simple MotionBounds::remainder_per_radius(const Joint& joint, const JointSwing& swing,
+                                                        const Simple& inner) {
+    const double chord = swing.chord, share = swing.share;
+    Simple sum{swing.bend + inner.distance * chord,
+               inner.growth * (chord + kGrowthRange * share) + (inner.distance + kGrowthRange * inner.growth) * share};
+    if (!joint.prismatic)  // 1 - cos x + sin x, the derivative of the bend, is at most 2 x and below 2.42
+        sum.growth += share * std::min(2.0 * (swing.angle + kGrowthRange * share), 2.42);
     return sum;
 }
 
-template Approach MotionBounds::tight<true>(const Pair&, int, const Vec3&, const double*, int, const double*) const;
-template Approach MotionBounds::tight<false>(const Pair&, int, const Vec3&, const double*, int, const double*) const;
+void MotionBounds::set_piece(const double* control, int points, const double* middle) {
+    const JointTree& tree = world_.space().tree;
+    straight_ = points <= 2;
+    rows_ = straight_ ? 1 : points;
+    displacements_.resize(rows_ * (swings_.size() + 1));
+    for (int r = 0; r < rows_; ++r)
+        for (int k = 0; k < static_cast<int>(swings_.size()); ++k) {
+            const Joint& joint = tree.joints[k];
+            const double angle = joint.multiplier * (control[r * tree.dof + joint.index] - middle[joint.index]);
+            const Vec3 w = angle * axes_[k].rotation.column(2);
+            Displacement sum = displacement(r, joint.parent);
+            if (joint.prismatic) {
+                sum.shift += w;
+            } else {
+                sum.turn += w;
+                sum.shift -= cross(w, axes_[k].translation);
+            }
+            displacements_[r * (swings_.size() + 1) + k + 1] = sum;
+        }
+    // The remainders of bodies towards obstacles, per metre of their radius about each joint.
+    for (int k = 0; k < static_cast<int>(swings_.size()); ++k) {
+        const Joint& joint = tree.joints[k];
+        const Simple inner = inner_[joint.parent + 1];
+        per_radius_[k] = remainder_per_radius(joint, swings_[k], inner);
+        per_radius_[k].distance += swings_[k].share * extra_[joint.index];
+        per_radius_[k].growth += swings_[k].share;
+        inner_[k + 1] = inner;
+        if (!joint.prismatic) inner_[k + 1] = {inner.distance + swings_[k].chord, inner.growth + swings_[k].share};
+    }
+    for (std::size_t body = 0; body < remainder_of_.size(); ++body) {
+        Simple sum{0.0, 0.0};
+        for (int k = world_.space().bodies[body].joint; k != kRoot; k = tree.joints[k].parent) {
+            sum.distance += radius(static_cast<int>(body), k) * per_radius_[k].distance;
+            sum.growth += radius(static_cast<int>(body), k) * per_radius_[k].growth;
+        }
+        remainder_of_[body] = sum;
+    }
+}
+
+double MotionBounds::first_order(const Pair& pair, int split, const Vec3& u) const {
+    const Geometry& space = world_.space();
+    const std::span<const int> path = world_.joints_between(pair);
+    const int up = static_cast<int>(pair.up), count = static_cast<int>(path.size());
+    // The joint that carries the link that separates the joints of a from those of b.
+    int link = kRoot;
+    if (split != up)
+        link = split < up ? path[split] : path[split - 1];
+    else if (count > 0)
+        link = space.tree.joints[up > 0 ? path[up - 1] : path[0]].parent;
+    const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
+    double most = 0.0;
+    for (int r = 0; r < rows_; ++r) {
+        // A point x of a body moves towards the other by `along` + g . (x - centre).
+        double along = 0.0, reach = 0.0;
+        if (split > 0) {
+            const Displacement of_a = displacement(r, space.bodies[pair.a].joint) - displacement(r, link);
+            along += dot(u, of_a.of(a.centre));
+            reach += extent(a, space.shape(pair.a), cross(u, of_a.turn));
+        }
+        if (split < count) {
+            const Displacement of_b = displacement(r, space.bodies[pair.b].joint) - displacement(r, link);
+            along -= dot(u, of_b.of(b.centre));
+            reach += extent(b, space.shape(pair.b), cross(u, of_b.turn));
+        }
+        most = std::max(most, (straight_ ? std::abs(along) : along) + reach);
+    }
+    return most;
+}
+
+MotionBounds::Simple MotionBounds::remainder(const Pair& pair, int split, const Vec3* u) const {
+    const Geometry& space = world_.space();
+    const std::span<const int> path = world_.joints_between(pair);
+    Simple sum{0.0, 0.0};
+    // From the separating link outwards, first to a, then to b.
+    const auto add = [&](int body, int begin, int end, int step) {
+        Simple inner{0.0, 0.0};  // of the joints between the separating link and this one
+        for (int i = begin; i != end; i += step) {
+            const int k = path[i];
+            const Joint& joint = space.tree.joints[k];
+            const JointSwing& swing = swings_[k];
+            const double rate = radius_of_any(body, k);
+            const double outward = u ? speed_along(joint, axes_[k], bodies_[body], space.shape(body), *u) : rate;
+            const Simple rest = remainder_per_radius(joint, swing, inner);
+            sum.distance += rate * rest.distance + outward * swing.share * extra_[joint.index];
+            sum.growth += rate * rest.growth + outward * swing.share;
+            if (!joint.prismatic) inner = {inner.distance + swing.chord, inner.growth + swing.share};
+        }
+    };
+    add(pair.a, split - 1, -1, -1);
+    add(pair.b, split, static_cast<int>(path.size()), 1);
+    return sum;
+}
 
 }  // namespace pinproof

@@ -55,6 +55,14 @@ inline JointSwing swing_of(const Joint& joint, double delta, double extra) {
     return swing_of(joint.prismatic, joint.multiplier, delta, extra);
 }
 
+// A first-order motion of a rigid body: its points x, in the root frame, move by shift + turn x x.
+struct Displacement {
+    Vec3 shift, turn;
+
+    Vec3 of(const Vec3& x) const { return shift + cross(turn, x); }
+};
+inline Displacement operator-(const Displacement& a, const Displacement& b) { return {a.shift - b.shift, a.turn - b.turn}; }
+
 // How much closer two bodies can come.
 struct Approach {
     double distance;  // m
@@ -62,6 +70,9 @@ struct Approach {
     double bare;      // the distance without the tolerance of the joints
     int split;        // the number of joints, from a, that are assigned to the points of a; the others to those of b
 };
+
+// The largest g . x over the points x of a body about its centre, by its box or by its ball.
+double extent(const PlacedBody& body, const Shape& shape, const Vec3& g);
 
 // The largest distance of a point of a placed body from the axis of a joint, by its bounding ball; 1 if prismatic.
 double radius_about(const Joint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape);
@@ -83,12 +94,25 @@ public:
     // The simple bound of a body of the robot and any obstacle.
     const Approach& rough_to_obstacles(int body) const { return of_body_[static_cast<std::size_t>(body)]; }
 
-    // The tight bound of the support gap along u, the unit vector in the root frame from a to b, on one piece of a
-    // curve with `points` control points (points, dof) about its middle; only `distance` and, if wanted, `growth` are
-    // computed.
-    template <bool wants_growth>
-    Approach tight(const Pair& pair, int split, const Vec3& u, const double* control, int points,
-                   const double* middle) const;
+    // Choose a piece of a curve, with control points (points, dof) about the middle of the box, for tight bounds.
+    void set_piece(const double* control, int points, const double* middle);
+
+    // The tight bound (m) of the support gap along u, the unit vector in the root frame from a to b, on the piece.
+    double tight(const Pair& pair, int split, const Vec3& u) const {
+        return first_order(pair, split, u) + remainder(pair, split, &u).distance;
+    }
+    // The growth of the tight bound with the box.
+    double growth(const Pair& pair, int split, const Vec3& u) const { return remainder(pair, split, &u).growth; }
+
+    // The same from above, with every joint as if it moved the bodies along u.
+    struct Simple {
+        double distance, growth;
+    };
+    Simple nearly_tight(const Pair& pair, int split, const Vec3& u) const {
+        Simple sum = pair.with_obstacle ? remainder_of_[pair.a] : remainder(pair, split, nullptr);
+        sum.distance += first_order(pair, split, u);
+        return sum;
+    }
 
 private:
     Approach rough_between(const Pair& pair) const;
@@ -96,6 +120,11 @@ private:
         return radius_[static_cast<std::size_t>(body) * swings_.size() + joint];
     }
     double radius_of_any(int body, int joint) const;
+    double first_order(const Pair& pair, int split, const Vec3& u) const;
+    // What a tight bound adds to the first order, and its growth. Without u every joint moves points by its full speed.
+    static Simple remainder_per_radius(const Joint& joint, const JointSwing& swing, const Simple& inner);
+    Simple remainder(const Pair& pair, int split, const Vec3* u) const;
+    const Displacement& displacement(int row, int joint) const { return displacements_[row * (swings_.size() + 1) + joint + 1]; }
 
     const World& world_;
     std::span<const Transform> axes_;
@@ -105,6 +134,12 @@ private:
     std::vector<double> radius_;     // (robot bodies, joints) radius_about; only joints that carry the body or, for a
                                      // pair, are between it and another are set
     std::vector<Approach> of_body_;  // towards anything that is fixed to the root
+    std::vector<Simple> remainder_of_;  // of the tight bounds of bodies and obstacles
+    std::vector<Simple> per_radius_;    // (joints) see remainder_per_radius, for the root as the separating link
+    std::vector<Simple> inner_;         // (1 + joints) sums of the chords and shares of the joints up to each
+    std::vector<Displacement> displacements_;  // (control points, 1 + joints) of what a joint carries; the first is that of the root
+    int rows_ = 0;               // the control points in use
+    bool straight_ = false;      // one end of a straight piece, which is symmetric about its middle
     std::vector<std::vector<int>>
         needed_;  // for each body of the robot the joints between it and another body or the root
 };

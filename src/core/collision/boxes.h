@@ -9,6 +9,12 @@
 
 namespace pinproof {
 
+// The part of an offset from the centre of a box that is outside it, in the frame of the box.
+inline Vec3 beyond_box(const Vec3& offset, const Vec3& half) {
+    const auto out = [](double x, double h) { return std::copysign(std::max(std::abs(x) - h, 0.0), x); };
+    return {out(offset.x, half.x), out(offset.y, half.y), out(offset.z, half.z)};
+}
+
 // The distance of a box and a point at `offset` from its centre, in the frame of the box.
 inline double point_to_box(const Vec3& offset, const Vec3& half) {
     double total = 0.0;

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.collision.checking.penetration import BRACKET, Penetration, penetration
+from pinproof.collision.checking.penetration import BRACKET, Penetration, crossing_depth, penetration
+from pinproof.collision.geometry.bodies import Body
 from pinproof.spatial import SE3, translated
 
 from .test_line_surface import surface_of
@@ -209,3 +212,47 @@ def test_the_displacement_separates_the_bodies() -> None:
         common = trimesh.boolean.intersection([moved, other], engine="manifold")
         assert len(common.faces) == 0 or common.volume < 1e-15
     assert seen > 8
+
+
+def test_meshes_that_cross_deeper_than_a_displacement_remain_in_contact() -> None:
+    rng, count = np.random.default_rng(7), 0
+    shapes = [trimesh.creation.torus(0.2, 0.05, 24, 12), trimesh.creation.box((0.3, 0.2, 0.02)), SQUARE, CORNER]
+    open_box = trimesh.Trimesh(SQUARE.vertices, SQUARE.faces[:-2])
+    bodies = [surface_of(mesh_of(shape, hull=False)).body for shape in shapes]
+    bodies.append(surface_of(mesh_of(open_box, hull=False, hollow=True)).body)
+    while count < 60:
+        i, j = (int(k) for k in rng.integers(0, len(bodies), 2))
+        at = pp.pose(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3))
+        deep = crossing_depth(bodies[i], at.homogeneous, bodies[j], np.eye(4))
+        meet = surfaces_meet(bodies[i], at, bodies[j])
+        assert meet or deep == 0.0
+        if deep < 1e-4:
+            continue
+        count += 1
+        for _ in range(30):
+            # Every point moves by less than the depth: a displacement, and a rotation about the middle.
+            axis, share = rng.normal(size=3), rng.random()
+            size = np.linalg.norm(bodies[i].geometry.vertices(), axis=1).max()
+            turned = at * SE3(pin.exp3(share * deep / size * axis / np.linalg.norm(axis)), np.zeros(3))
+            by = rng.normal(size=3)
+            moved = translated(turned, (1 - share) * deep * 0.999 * by / np.linalg.norm(by))
+            assert surfaces_meet(bodies[i], moved, bodies[j])
+
+
+def surfaces_meet(one: Body, at: SE3, other: Body) -> bool:
+    """Whether surfaces meet, by coal's contact query, which is not that of distances."""
+    placed, fixed = coal.Transform3s(at.rotation, at.translation), coal.Transform3s.Identity()
+    return bool(
+        coal.collide(one.geometry, placed, other.geometry, fixed, coal.CollisionRequest(), coal.CollisionResult())
+    )
+
+
+def test_the_depth_of_a_rib_in_a_block_is_known_as_far_as_its_edges_reach() -> None:
+    """A rib of 20 mm that reaches 6 mm into a block: moved out by 6 mm, it touches no longer."""
+    rib, block = trimesh.creation.box((0.004, 0.1, 0.02)), trimesh.creation.box((0.05, 0.05, 0.05))
+    bodies = [surface_of(mesh_of(shape, hull=False)).body for shape in (rib, block)]
+    at = pp.pose((0.003, 0.001, -0.025 - 0.01 + 0.006))
+    assert crossing_depth(bodies[0], at.homogeneous, bodies[1], np.eye(4)) == pytest.approx(0.006)
+    assert crossing_depth(bodies[1], np.eye(4), bodies[0], at.homogeneous) == pytest.approx(0.006)
+    apart = pp.pose((0, 0, -0.0351))
+    assert crossing_depth(bodies[0], apart.homogeneous, bodies[1], np.eye(4)) == 0.0

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.ik import Clik
@@ -161,9 +162,21 @@ def task_of(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle) -> PickTask:
     return PickTask(pick, PickSetup.make(arm, pp.Scene(obstacles), pp.Picks((pick,)), home=None, rng=0).cell)
 
 
-def test_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms) -> None:
+FRAME = trimesh.creation.annulus(r_min=0.05, r_max=0.2, height=0.001)
+"""A thin plate with a hole."""
+
+
+@pytest.mark.parametrize(
+    ("shape", "at"),
+    [
+        (pp.Sphere(0.05), (0.5, 0.0, 0.3)),
+        (pp.Mesh.from_arrays(FRAME.vertices, FRAME.faces, hull=False), (0.5, 0.1, 0.36)),
+    ],
+)
+def test_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms, shape, at) -> None:
+    """Of two exact meshes, the hand and the plate, edges cross triangles."""
     arm = arms["panda"]
-    stone = pp.Obstacle("stone", pp.Sphere(0.05), pp.pose((0.5, 0.0, 0.3)))
+    stone = pp.Obstacle("stone", shape, pp.pose(at))
     target = pp.pose((0.5, 0.0, 0.3), DOWN)
     verdict = alone(arm, pp.Pick("p", target), stone, margin=0.0)
     assert outcome(verdict) == (IMPOSSIBLE, Stage.GRASP)

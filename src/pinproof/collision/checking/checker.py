@@ -32,6 +32,7 @@ from pinproof.collision.checking.assembly import (
     warn_of_units,
 )
 from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, Overlaps, meshes_of
+from pinproof.collision.checking.penetration import crossing_depth
 from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
 from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair
 from pinproof.collision.geometry.bodies import Body, with_triangles
@@ -263,6 +264,21 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         space = self._workspace
         touching = (*self._fixed.touching, *space.touching(self.group.configuration(q)))
         found = [self._contact(k, measured) for k, measured in touching]
+        return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
+
+    def lasting_contacts(self, q: npt.ArrayLike, motion: float) -> CheckResult:
+        """Return the contacts at q (n,) that remain if bodies move by ``motion`` (m) or less relative to each other.
+
+        They are deeper penetrations. The depth of two exact meshes, which coal does not know, is a lower bound.
+        """
+        space, found = self._workspace, []
+        for k, measured in (*self._fixed.touching, *space.touching(self.group.configuration(q))):
+            (i, j), depth = self.indices_of(k), -measured.distance
+            if self.bodies[i].is_exact and self.bodies[j].is_exact:
+                placed = space.root_from_body(i), space.root_from_body(j)
+                depth = max(depth, crossing_depth(self.bodies[i], placed[0], self.bodies[j], placed[1]))
+            if depth > motion:
+                found.append(self._contact(k, measured._replace(distance=-depth)))
         return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
 
     def clearance(self, q: npt.ArrayLike) -> float:

@@ -9,6 +9,7 @@ bound: the shortest of several displacements, each of which is verified to separ
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import coal
@@ -143,6 +144,47 @@ def _holds(outer: Body, inner: Body, outer_from_inner: SE3) -> bool:
     within = points[((points >= outer.box[0]) & (points <= outer.box[1])).all(axis=1)]
     corners = getattr(outer.solid, "corners", np.empty((0, 3, 3)))
     return any(abs(winding_number(point, corners)) > 0.5 for point in within)
+
+
+def crossing_depth(one: Body, at: Array, other: Body, other_at: Array) -> float:
+    """Return a length (m) by which every point of an exact mesh may move with the meshes still in contact; 0: unknown.
+
+    An edge pq of one mesh crosses a triangle of the other at x; its ends have the heights h_p and h_q of opposite signs
+    above the plane of the triangle, and s = abs(h_p - h_q) / abs(p - q) is its slope. If its points move by less than
+    d < min(abs(h_p), abs(h_q)), it still crosses the plane: a point y of it at the height h, which is h sqrt(1 / s^2 -
+    1) beside x, has moved into the plane, by at most sqrt(d^2 - h^2) sideways. In sum this is at most d / s, and the
+    crossing remains inside the triangle if x is that far from its sides.
+    """
+    request, found = coal.CollisionRequest(), coal.CollisionResult()
+    request.num_max_contacts = CONTACTS
+    placed = [coal.Transform3s(pose[:3, :3], pose[:3, 3]) for pose in (at, other_at)]
+    coal.collide(one.geometry, placed[0], other.geometry, placed[1], request, found)
+    pairs = [(contact.b1, contact.b2) for contact in found.getContacts()]
+    if not pairs:
+        return 0.0
+    meshes = zip((one, other), (at, other_at), zip(*pairs, strict=True), strict=True)
+    first, second = (_corners(body, numbers) @ pose[:3, :3].T + pose[:3, 3] for body, pose, numbers in meshes)
+    largest = 0.0
+    for edges, triangle in ((first, second), (second, first)):
+        p, q = edges, np.roll(edges, -1, axis=1)
+        side = np.roll(triangle, -1, axis=1) - triangle
+        normal = np.cross(side[:, 0], side[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+            h_p, h_q = (np.einsum("kex,kx->ke", ends - triangle[:, :1], normal) for ends in (p, q))
+            x = p + (h_p / (h_p - h_q))[..., None] * (q - p)
+            inward = np.cross(normal[:, None], side / np.linalg.norm(side, axis=2, keepdims=True))
+            inside = np.einsum("kesx,ksx->kes", x[:, :, None] - triangle[:, None], inward).min(axis=2)
+            around = inside * np.abs(h_p - h_q) / np.linalg.norm(q - p, axis=2)
+            depth = np.minimum(np.minimum(np.abs(h_p), np.abs(h_q)), around)
+        largest = max(largest, float(depth[(h_p * h_q < 0.0) & (depth > 0.0)].max(initial=0.0)))
+    return largest
+
+
+def _corners(body: Body, numbers: Iterable[int]) -> Array:
+    """Return (K, 3, 3) the triangles of an exact mesh with these numbers."""
+    rows = [body.geometry.tri_indices(i) for i in numbers]
+    return np.asarray(body.geometry.vertices()[[[row[0], row[1], row[2]] for row in rows]])
 
 
 def _share(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion: Array) -> float:

@@ -405,12 +405,13 @@ def contacts_everywhere(checker: CollisionChecker, q: Array) -> list[str]:
 
     They are penetrations, by more than solutions differ, of bodies that no joint moves relative to the tcp.
     """
-    found = checker.with_margin(0.0, {}).exact_at(q).check(q)  # overlap of convex hulls is no proof of contact
+    # Overlap of convex hulls is no proof of contact.
+    found = checker.with_margin(0.0, {}).exact_at(q).lasting_contacts(q, SPREAD)
     arm, rigid = checker.arm, {thing.name for thing in checker.attached}
 
     def exists_everywhere(contact: Contact) -> bool:
         moving = [name for name in contact.bodies if name not in checker.scene]
-        if len(moving) != 1 or contact.distance >= -SPREAD:
+        if len(moving) != 1:
             return False
         return moving[0] in rigid or moving_joint(arm, moving[0]) == moving_joint(arm, arm.tcp)
 

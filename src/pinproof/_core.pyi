@@ -291,6 +291,7 @@ class RouteFollower:
         max_joint_step: float,
         deviation: float,
         rotation_deviation: float,
+        only_complete: bool = False,
     ) -> None: ...
     def follow(self, route: Route, knots: NDArray[numpy.float64], first: NDArray[numpy.float64]) -> JointCurve: ...
     def deviations(

@@ -163,6 +163,28 @@ def test_limits_and_contacts_are_named_where_they_stop_a_move(gantry, obstacle, 
         assert move.certificate is None or move.certificate.status is pp.CertificateStatus.COLLIDING
 
 
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_a_line_of_which_a_share_is_wanted_has_the_same_outcome_without_the_work_for_less(robot):
+    """The lines of random lengths from random configurations: those that are wanted are the same to the last bit."""
+    arm, rng, failed = pp.load_robot(robot).arm(), np.random.default_rng(3), 0
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("wall", pp.Box(2.0, 0.02, 2.0), pp.pose((0, 0.5, 0)))]))
+    starts = rng.uniform(*arm.limits.sampling_range(), (400, arm.dof))
+    for start in starts[checker.is_free_batch(starts)][:120]:
+        target = moved(arm, start, rng.normal(0, 0.15, 3), rng.normal(0, 0.3, 3))
+        complete = pp.plan_linear(checker, start, target)
+        for least in (0.3, 1.0):
+            quick = pp.plan_linear(checker, start, target, least=least)
+            assert quick.ok is complete.ok
+            if complete.ok:
+                assert quick.path.q.tobytes() == complete.path.q.tobytes()
+            elif complete.fraction >= least:
+                assert (quick.fraction, quick.message) == (complete.fraction, complete.message)
+            else:
+                failed += 1
+                assert quick.fraction <= least
+    assert failed > 20
+
+
 def test_a_start_within_rounding_of_its_limit_starts_at_the_limit(gantry):
     move = pp.plan_linear(pp.CollisionChecker(gantry), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
     assert move.status is LinearStatus.COMPLETE

@@ -367,7 +367,7 @@ void bind_routes(nb::module_& module) {
     nb::class_<RouteFollower>(module, "RouteFollower", "Follows routes with a joint curve on one IK branch.")
         .def(nb::new_([](const Chain& chain, const Vector& lower, const Vector& upper, const Vector& tracked_lower,
                          const Vector& tracked_upper, const Task& task, double max_joint_step, double deviation,
-                         double rotation_deviation) {
+                         double rotation_deviation, bool only_complete) {
                  const auto list = [&](const char* name, const Vector& limits) {
                      return list_of(shaped(name, limits, {chain.dof}));
                  };
@@ -376,10 +376,11 @@ void bind_routes(nb::module_& module) {
                                        Doubles(chain.dof, positive("max_joint_step", max_joint_step)), task, {}};
                  return RouteFollower(std::move(tracking),
                                       {positive("deviation", deviation),
-                                       positive("rotation_deviation", rotation_deviation), max_joint_step},
+                                       positive("rotation_deviation", rotation_deviation), max_joint_step,
+                                       only_complete},
                                       list("lower", lower), list("upper", upper));
              }), nb::kw_only(), "chain"_a, "lower"_a, "upper"_a, "tracked_lower"_a, "tracked_upper"_a, "task"_a,
-             "max_joint_step"_a, "deviation"_a, "rotation_deviation"_a)
+             "max_joint_step"_a, "deviation"_a, "rotation_deviation"_a, "only_complete"_a = false)
         .def("follow", [](const RouteFollower& self, const Route& route, const Vector& knots, const Vector& first) {
                 const auto start = finite("first", first, {self.dof()});
                 if (const std::size_t joint = self.outside(start); joint < self.dof())

@@ -217,7 +217,7 @@ JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
                 const double* q = tracked.q.data() + at * n;
                 curve.before.assign(q, q + n);
                 curve.reached.assign(q + n, q + 2 * n);
-                knots.resize(at + 1);
+                knots.resize(settings_.only_complete ? 1 : at + 1);
             }
             continue;
         }
@@ -256,7 +256,7 @@ JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
             curve.deviation_there = off[worst].position;
             curve.rotation_deviation_there = off[worst].orientation;
             curve.outside.assign(outside.begin() + worst * n, outside.begin() + (worst + 1) * n);
-            knots.resize(worst + 1);
+            knots.resize(settings_.only_complete ? 1 : worst + 1);
         }
     }
     curve.knots = {knots.front()};

@@ -69,6 +69,7 @@ struct Route {
 struct FollowerSettings {
     double deviation, rotation_deviation;  // m, rad; allowed at every point
     double max_joint_step;                 // rad or m between solved poses
+    bool only_complete;  // the curve and the exact end are not wanted of a route that cannot be followed completely
 };
 
 // Why a curve ends before its route.

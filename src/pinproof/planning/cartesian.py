@@ -44,6 +44,7 @@ def plan_linear(
     rotation_step: float = 0.2,
     max_joint_step: float = 0.3,
     parting: Sequence[tuple[str, str]] = (),
+    least: float = 0.0,
 ) -> LinearPlanResult:
     """Move the tcp on a straight line from its pose at ``start`` to ``target``.
 
@@ -74,6 +75,9 @@ def plan_linear(
         to 1/64. A larger step at that spacing is a jump.
     parting
         Pairs that may be in contact at the start, as for :func:`pinproof.certify`.
+    least
+        Share of the line, 0 to 1. A line that cannot be followed that far fails without an exact fraction and a
+        certificate, which is faster; with 1, only complete lines are of interest.
 
     Raises
     ------
@@ -85,7 +89,7 @@ def plan_linear(
     arm = checker.arm
     follower = RouteFollower(
         arm=arm, task=line_task(task), deviation=deviation, rotation_deviation=rotation_deviation,
-        translation_step=translation_step, rotation_step=rotation_step, max_joint_step=max_joint_step,
+        translation_step=translation_step, rotation_step=rotation_step, max_joint_step=max_joint_step, least=least,
     )  # fmt: skip
     first, last = arm.limits.snap(arm.configuration(start, "start")), rigid("target", target)
     if message := _outside_limits(arm, first):
@@ -94,6 +98,9 @@ def plan_linear(
     here = arm.forward_kinematics(first)
     route = Route.straight(here, nearest_target(here, last, follower.task))
     followed = follower.follow(route, first)
+    if followed.status is not LinearStatus.COMPLETE and followed.fraction < least:
+        message = f"cannot be followed beyond {_percent(least)} of the line"
+        return LinearPlanResult(followed.status, None, None, followed.fraction, message)
     # A contact on the curve comes before the point at which the route cannot be followed farther.
     certificate = certify(followed.path, checker, parting=parting)
     if not certificate.free:

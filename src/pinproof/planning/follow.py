@@ -19,15 +19,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import JointCurve, RouteDirection, RoutePiece
 from pinproof._core import Route as CompiledRoute
-from pinproof._core import RouteDirection, RoutePiece
 from pinproof._core import RouteFollower as CompiledFollower
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
@@ -267,6 +267,8 @@ class FollowedRoute:
 class RouteFollower:
     """The settings for following routes; see :func:`pinproof.plan_linear`.
 
+    Of a route that ends at a pose before the parameter ``least``, the reason is not computed, and with 1 not the curve.
+
     Raises
     ------
     InputError
@@ -280,6 +282,7 @@ class RouteFollower:
     translation_step: float
     rotation_step: float
     max_joint_step: float
+    least: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"):
@@ -298,16 +301,16 @@ class RouteFollower:
         If a redundant arm moves along a joint limit, the solved poses are at the limit and the spline through them
         exceeds it. In this case, there is a second attempt with reduced limits.
         """
-        followed = self._follow_within(self.arm, route, first)
-        if followed.status is not LinearStatus.LIMIT or self.arm.dof <= self.mask.sum():
-            return followed
-        limits = self.arm.limits
-        guard = np.minimum(LIMIT_GUARD, (limits.upper - limits.lower) / 4)
-        inside = replace(
-            limits, lower=np.minimum(limits.lower + guard, first), upper=np.maximum(limits.upper - guard, first)
-        )
-        second = self._follow_within(self.arm.with_limits(inside), route, first)
-        return second if second.fraction > followed.fraction else followed
+        lower, upper = self.arm.limits.lower, self.arm.limits.upper
+        curve, stop = self._follow_within(lower, upper, route, first)
+        if stop[0] is LinearStatus.LIMIT and self.arm.dof > self.mask.sum():
+            guard = np.minimum(LIMIT_GUARD, (upper - lower) / 4)
+            inside = np.minimum(lower + guard, first), np.maximum(upper - guard, first)
+            second, why = self._follow_within(*inside, route, first)
+            if second.knots[-1] > curve.knots[-1]:
+                curve, stop = second, why
+        path = CubicPath(curve.q, curve.slopes, curve.knots, self.arm.joint_names)
+        return FollowedRoute(path, float(path.knots[-1]), curve.deviation, curve.rotation_deviation, *stop)
 
     def bound(self, path: CubicPath, route: Route) -> Array:
         """(k, 2) upper bounds of the deviation in metres and radians on each piece of a path.
@@ -316,31 +319,39 @@ class RouteFollower:
         of the path include all borders of the route up to its end.
         """
         knots, control = path.bezier()
-        return np.asarray(self._compiled(self.arm).deviations(route.compiled, knots, np.ascontiguousarray(control)))
+        return np.asarray(
+            self._compiled(self.arm.limits.lower, self.arm.limits.upper).deviations(
+                route.compiled, knots, np.ascontiguousarray(control)
+            )
+        )
 
-    def _compiled(self, arm: Arm) -> CompiledFollower:
-        """The follower that solves poses within the limits of ``arm``; the curve keeps the limits of :attr:`arm`."""
-        limits, tracked = self.arm.limits, arm.limits
+    def _compiled(self, lower: Array, upper: Array) -> CompiledFollower:
+        """The follower that solves poses within the given limits (n,); the curve keeps the limits of :attr:`arm`."""
+        limits = self.arm.limits
         return CompiledFollower(
-            chain=arm.chain,
+            chain=self.arm.chain,
             lower=limits.lower,
             upper=limits.upper,
-            tracked_lower=tracked.lower,
-            tracked_upper=tracked.upper,
+            tracked_lower=lower,
+            tracked_upper=upper,
             task=make_task(self.task, POSE_TOLERANCE, POSE_TOLERANCE).compiled,
             max_joint_step=self.max_joint_step,
             deviation=self.deviation,
             rotation_deviation=self.rotation_deviation,
+            only_complete=self.least >= 1.0,
         )
 
-    def _follow_within(self, arm: Arm, route: Route, first: Array) -> FollowedRoute:
-        """Follow a route with poses solved within the limits of ``arm``."""
+    def _follow_within(self, lower: Array, upper: Array, route: Route, first: Array) -> tuple[JointCurve, _Stop]:
+        """Follow a route with poses solved within the given limits (n,)."""
         knots = route.knots(self.translation_step, self.rotation_step, MIN_PIECES)
-        curve = self._compiled(arm).follow(route.compiled, knots, np.ascontiguousarray(first))
+        curve = self._compiled(lower, upper).follow(route.compiled, knots, np.ascontiguousarray(first))
         stop: _Stop = (LinearStatus.COMPLETE, "", ())
         if curve.stopped_by_pose:
-            at_limit = np.minimum(curve.reached - arm.limits.lower, arm.limits.upper - curve.reached) <= NEAR_LIMIT
-            stop = self._reason(route, curve.at, float(np.diff(knots).max()), curve.before, at_limit)
+            at_limit = np.minimum(curve.reached - lower, upper - curve.reached) <= NEAR_LIMIT
+            if curve.knots[-1] < self.least:
+                stop = LinearStatus.LIMIT if at_limit.any() else LinearStatus.UNREACHABLE, "", ()
+            else:
+                stop = self._reason(route, curve.at, float(np.diff(knots).max()), curve.before, at_limit)
         elif curve.stopped_by_deviation:  # on a piece of the minimum length
             joint = int(curve.outside.argmax())
             if curve.outside[joint] > ROUNDING:
@@ -350,8 +361,7 @@ class RouteFollower:
             else:
                 by = f"{curve.deviation_there * 1e3:.2g} mm and {curve.rotation_deviation_there:.2g} rad"
                 stop = LinearStatus.JUMP, f"the tcp may deviate by {by} between the solved poses", ()
-        path = CubicPath(curve.q, curve.slopes, curve.knots, self.arm.joint_names)
-        return FollowedRoute(path, float(path.knots[-1]), curve.deviation, curve.rotation_deviation, *stop)
+        return curve, stop
 
     def _reason(self, route: Route, s: float, spacing: float, here: Array, at_limit: Flags) -> _Stop:
         """Why the route cannot be followed beyond ``here`` (n,), at the parameter s, with these joints at limits."""

@@ -256,7 +256,8 @@ class BestFirst:
         """Plan the lines of the next configuration, and bound the scores at all its full rotations."""
         task, index = self._task, self._order[self._next]
         self._next += 1
-        attempt = along(task, self._candidates[index])
+        tried = ((len(each.stages), 1.0 if each.passed else each.fraction) for each in self.attempts)
+        attempt = along(task, self._candidates[index], max(tried, default=(1, 0.0)))
         self.attempts.append(attempt)
         if not attempt.passed:
             return

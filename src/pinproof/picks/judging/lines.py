@@ -16,7 +16,7 @@ from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask, torque_limits
 from pinproof.picks.judging.verdict import LINES, Stage, StageResult
-from pinproof.planning import PlanResult, make_planner, plan_linear, shortcut, with_turns
+from pinproof.planning import LinearStatus, PlanResult, make_planner, plan_linear, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
 Pairs = tuple[tuple[str, str], ...]
@@ -89,34 +89,39 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 
 @step(LINES)
-def along(task: PickTask, candidate: GraspCandidate) -> Attempt:
-    """The approach and the retreat of a configuration."""
+def along(task: PickTask, candidate: GraspCandidate, best: tuple[int, float] = (1, 0.0)) -> Attempt:
+    """The approach and the retreat of a configuration.
+
+    ``best`` is the number of lines that were tried of the best attempt so far, and the possible fraction of the last.
+    Of lines that do not get farther, the reason is not wanted.
+    """
+    lines, fraction = best if task.cell.trial is None else (2, 1.0)
     # In a trial for a failed retreat, an approach is only needed if the retreat is possible
-    first = line_out(task, candidate) if task.cell.trial is Stage.RETREAT else None
+    first = line_out(task, candidate, fraction) if task.cell.trial is Stage.RETREAT else None
     if first is not None and not first[0].result.ok:
         return Attempt(candidate, candidate.q, (first[0].result,), fraction=first[0].fraction)
-    into = line_in(task, candidate)
+    into = line_in(task, candidate, fraction if lines == 1 else 1.0)
     if not into.result.ok:
         return Attempt(candidate, candidate.q, (into.result,), fraction=into.fraction)
-    out, parting = first or line_out(task, candidate)
+    out, parting = first or line_out(task, candidate, fraction if lines == 2 else 0.0)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
     return Attempt(candidate, candidate.q, stages, into.path, out.path, parting, out.fraction, clearance)
 
 
-def line_in(task: PickTask, candidate: GraspCandidate) -> ToolLine:
+def line_in(task: PickTask, candidate: GraspCandidate, least: float = 0.0) -> ToolLine:
     """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
     member, end = candidate.member, task.pick.before(task.grasp(candidate.member))
     around, hand = task.before(member, touching=True), task.passing(member)
-    return line(Stage.APPROACH, task, around, candidate.q, end, task.pick.approach, hand=hand)
+    return line(Stage.APPROACH, task, around, candidate.q, end, task.pick.approach, hand=hand, least=least)
 
 
-def line_out(task: PickTask, candidate: GraspCandidate) -> tuple[ToolLine, Pairs]:
+def line_out(task: PickTask, candidate: GraspCandidate, least: float = 0.0) -> tuple[ToolLine, Pairs]:
     """The retreat, and the pairs of the object and its supports."""
     member, q = candidate.member, candidate.q
     carrying = task.carrying(member)
     parting = task.supports(carrying, q, task.pick.support)
     end = task.pick.after(task.grasp(member))
-    return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
+    return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting, least=least), parting
 
 
 TOUCH_DEPTH = 1e-4
@@ -134,20 +139,23 @@ def line(
     *,
     start: str = "the grasp",
     hand: OpenHand | None = None,
+    least: float = 0.0,
 ) -> ToolLine:
     """A straight line from q (n,), at ``start`` in messages, to a pose of the tip.
 
-    It fails if the open ``hand`` enters the object by more than is allowed.
+    It fails if the open ``hand`` enters the object by more than is allowed. The reason of a failure is only complete if
+    a share above ``least`` is possible.
     """
     if length == 0:
         return ToolLine(StageResult(stage, True, "none requested"))
     # A support that is not checked against the object needs no permission for contact
     parting = tuple(pair for pair in parting if checker.pairs_of_owners(*pair))
     # The line, and the reason if only a part of it is possible
-    move = plan_linear(checker, q, task.target(end), parting=parting)
+    move = plan_linear(checker, q, task.target(end), parting=parting, least=least)
     if not move.ok:
         message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"
-        contacts = checker.allowing(*parting).check(q).contacts if move.fraction == 0 else ()
+        at_start = move.fraction == 0 and move.status in (LinearStatus.CONTACT, LinearStatus.UNDECIDED) and least < 1
+        contacts = checker.allowing(*parting).check(q).contacts if at_start else ()
         # If the held object only touches obstacles at the start, a key of the picks file allows that
         touched = [name for contact in contacts for name in contact.bodies if name != task.name]
         only_touch = all(contact.distance >= -TOUCH_DEPTH and task.name in contact.bodies for contact in contacts)

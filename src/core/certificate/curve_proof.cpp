@@ -58,6 +58,7 @@ struct CurveProof::Summary {
     // Of the pairs that are proven.
     double proven, joint_tube, obstacle_tube;
     // Of the pairs that stay open.
+    bool all_pairs_open = false;     // instead of a list
     std::size_t list = 0, open = 0;  // where they are in lists_
     double step = 0.0;               // the largest approach that is due to the curve, not to tolerances
     double open_proven = kInfinity, open_joint_tube = kInfinity, open_obstacle_tube = kInfinity;
@@ -105,9 +106,13 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         sum.proven = state_.proven;
         sum.joint_tube = state_.joint_tube;
         sum.obstacle_tube = state_.obstacle_tube;
-        if (interval.all_pairs) list_pairs(interval, sum);
         ++state_.intervals;
-        judge_pairs(interval, sum);
+        if (is_wide(interval)) {
+            find_contact(sum);
+        } else {
+            if (interval.all_pairs) list_pairs(interval, sum);
+            judge_pairs(interval, sum);
+        }
         state_.proven = sum.proven;
         state_.joint_tube = sum.joint_tube;
         state_.obstacle_tube = sum.obstacle_tube;
@@ -115,8 +120,11 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
             state_.contact = FoundContact{middle.time, sum.contact, middle_};
             stack_.clear();
         }
-        if (sum.open == 0) continue;
-        if (is_bisected(sum))
+        if (sum.all_pairs_open)
+            bisect(interval, middle, sum);
+        else if (sum.open == 0)
+            continue;
+        else if (is_bisected(sum))
             bisect(interval, middle, sum);
         else if (!decide(interval, sum))
             break;
@@ -180,45 +188,130 @@ CurveProof::Middle CurveProof::place_middle(const Interval& interval, const doub
     return middle;
 }
 
-// List all moving pairs, except obstacles that are proven to be far by the tree of their boxes. With evidence, each
-// pair is listed.
-void CurveProof::list_pairs(Interval& interval, Summary& sum) {
+// Whether the bodies move so far in an interval of several pieces that only contact is searched for: it is certain to be
+// bisected, and its halves list their pairs themselves.
+bool CurveProof::is_wide(const Interval& interval) const {
+    if (is_single_piece(interval) || !interval.all_pairs || settings_.record) return false;
+    if (state_.intervals >= settings_.max_intervals || stack_.size() + 2 > kDepth) return false;
+    const double near = world_.widest_margin + (std::isfinite(state_.spare) ? std::max(state_.spare, 0.0) : 0.0);
+    return std::ranges::any_of(world_.around, [&](int body) {
+        return bounds_.rough_to_obstacles(body).distance > kHopeless * near + settings_.tolerance;
+    });
+}
+
+// Find the deepest contact at the middle of an interval.
+void CurveProof::find_contact(Summary& sum) {
+    sum.all_pairs_open = true;
+    const Geometry& space = world_.space();
+    const auto check = [&](int k) {
+        const Pair& pair = world_.pairs[k];
+        std::optional<Transform> a_from_b;
+        const double apart = pair.margin + space.rounding;
+        if (separation_of_bounds(bodies_[pair.a], space.shape(pair.a), bodies_[pair.b], space.shape(pair.b), apart,
+                                 a_from_b) > apart)
+            return;
+        const DistanceBounds bounds =
+            bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b,
+                           {.above = pair.margin, .below = pair.margin}, memory_of(k).separation);
+        note_distance(k, bounds.upper, sum);
+    };
+    for (int k : world_.own) check(k);
+    for (int body : world_.around)
+        for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
+            const ObstacleNode& node = space.obstacles[row];
+            const double gap = ball_to_node(bodies_[body].centre, space.shape(body).ball, node);
+            const bool beyond = gap > world_.widest_margin + space.rounding;
+            row = beyond ? node.skip : row + 1;
+            if (beyond || node.body < 0) continue;
+            if (const int k = world_.pair_with_obstacle(body, node.body); k >= 0) check(k);
+        }
+}
+
+// A distance (m) of a pair at the middle, or an upper bound of it.
+void CurveProof::note_distance(int k, double distance, Summary& sum) {
+    const double beyond = distance - world_.pairs[k].margin;
+    state_.observed = std::min(state_.observed, distance);
+    state_.spare = std::min(state_.spare, beyond);
+    if (beyond <= 0.0 && beyond < sum.depth) {
+        sum.depth = beyond;
+        sum.contact = k;
+    }
+}
+
+// List all moving pairs, except obstacles that the tree of their boxes proves to be far; the nodes of these are in far_.
+// With evidence, each pair is listed.
+void CurveProof::list_pairs(Interval& interval, Summary&) {
     const Geometry& space = world_.space();
     lists_.resize(interval.list);
     lists_.insert(lists_.end(), world_.own.begin(), world_.own.end());
     const double level = goal(world_.widest_margin);
-    for (int body : world_.around) {
-        const Approach& approach = bounds_.rough_to_obstacles(body);
-        const double ball = space.shape(body).ball;
-        bool left_out = false;
+    for (int body : world_.around)
         for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
             const ObstacleNode& node = space.obstacles[row];
-            const double gap = ball_to_node(bodies_[body].centre, ball, node) - approach.distance - space.rounding;
-            if (gap > level && !settings_.record) {
-                row = node.skip;
-                left_out = true;
-                continue;
+            if (!settings_.record) {
+                const FarNode far = bound_node(body, row, level, is_single_piece(interval));
+                if (far.certain > level) {
+                    if (settings_.wants_tubes) far_.push_back(far);
+                    row = node.skip;
+                    continue;
+                }
             }
             ++row;
             if (node.body < 0) continue;
-            const int pair = world_.pair_with_obstacle(body, node.body);
-            if (pair >= 0) lists_.push_back(pair);
+            if (const int k = world_.pair_with_obstacle(body, node.body); k >= 0) lists_.push_back(k);
         }
-        if (left_out) {
-            const double slack = level - world_.widest_margin;
-            sum.proven = std::min(sum.proven, level - settings_.obstacle_tolerance);
-            sum.obstacle_tube = std::min(sum.obstacle_tube, slack);
-            if (approach.growth > 0.0) sum.joint_tube = std::min(sum.joint_tube, slack / approach.growth);
-        }
-    }
     interval.pairs = lists_.size() - interval.list;
+}
+
+// What is proven of a body and all obstacles in a node, by the rough bound, or, if that is not beyond `level`, along the
+// direction between them.
+CurveProof::FarNode CurveProof::bound_node(int body, int row, double level, bool single) const {
+    const Geometry& space = world_.space();
+    const Shape& shape = space.shape(body);
+    const Vec3 centre = bodies_[body].centre, out = beyond_box(centre, space.obstacles[row].low, space.obstacles[row].high);
+    const double length = norm(out);
+    const Approach& rough = bounds_.rough_to_obstacles(body);
+    FarNode far{body, row, length - shape.ball, 0.0, rough.growth, kInfinity};
+    far.certain = far.gap - rough.distance - space.rounding;
+    if (far.certain > level || !single || !(length - space.rounding > level)) return far;
+    const Vec3 u = (-1.0 / length) * out;
+    const double gap = length - extent(bodies_[body], shape, u);
+    if (!(gap - space.rounding > level)) return far;
+    const MotionBounds::Simple approach = bounds_.nearly_tight_to_obstacles(body, u);
+    const double certain = gap - approach.distance - space.rounding;
+    if (certain > far.certain) far = {body, row, gap, certain, approach.growth, kGrowthRange};
+    return far;
+}
+
+// Whether what is proven of a pair or a node beyond its margin changes none of the smallest distances and tolerances.
+bool CurveProof::is_clear(const FarNode& far, double clear, double margin, bool with_obstacle, const Summary& sum) const {
+    if (!(far.certain > clear)) return false;
+    if (!settings_.wants_tubes) return true;
+    const double slack = far.certain - margin;
+    return far.gap - margin >= state_.spare && (!with_obstacle || slack >= sum.obstacle_tube) &&
+           sum.joint_tube <= far.growth_range && slack >= far.growth * sum.joint_tube;
 }
 
 // Judge each pair of an interval; those that stay open follow its list.
 void CurveProof::judge_pairs(const Interval& interval, Summary& sum) {
     sum.list = interval.list + interval.pairs;
-    if (lists_.size() < sum.list + interval.pairs) lists_.resize(sum.list + interval.pairs);
     for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, sum);
+    // Nodes that were left out are divided as far as they could have the smallest distance.
+    const double margin = world_.widest_margin;
+    while (!far_.empty()) {
+        const FarNode far = far_.back();
+        far_.pop_back();
+        const double smallest = std::min(sum.proven + settings_.obstacle_tolerance, state_.observed);
+        if (is_clear(far, std::max(goal(margin), smallest), margin, true, sum)) continue;
+        const ObstacleNode& node = world_.space().obstacles[far.row];
+        if (node.body < 0) {
+            const int second = world_.space().obstacles[far.row + 1].skip;
+            for (int row : {second, far.row + 1})
+                far_.push_back(bound_node(far.body, row, kInfinity, is_single_piece(interval)));
+        } else if (const int k = world_.pair_with_obstacle(far.body, node.body); k >= 0) {
+            judge(k, interval, sum);
+        }
+    }
 }
 
 // Whether a pair is proven apart in an interval along a direction, by the boxes about its bodies, and so clearly that
@@ -234,12 +327,8 @@ bool CurveProof::is_clearly_apart(int k, const Approach& rough, const Summary& s
     const double clear = this->clear(pair, sum);
     if (!(gap - space.rounding > clear)) return false;
     const MotionBounds::Simple approach = bounds_.nearly_tight(pair, rough.split, u);
-    const double certain = gap - approach.distance - space.rounding, slack = certain - pair.margin;
-    if (!(certain > clear)) return false;
-    if (!settings_.wants_tubes) return true;
-    if (!(gap - pair.margin >= state_.spare)) return false;
-    if (pair.with_obstacle && !(slack >= sum.obstacle_tube)) return false;
-    return sum.joint_tube <= kGrowthRange && slack >= approach.growth * sum.joint_tube;
+    const double certain = gap - approach.distance - space.rounding;
+    return is_clear({0, 0, gap, certain, approach.growth, kGrowthRange}, clear, pair.margin, pair.with_obstacle, sum);
 }
 
 // Judge a pair in an interval.
@@ -285,8 +374,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
                 growth_range = kGrowthRange;
             }
         }
-        state_.observed = std::min(state_.observed, distance);
-        state_.spare = std::min(state_.spare, distance - margin);
+        note_distance(k, distance, sum);
     }
     const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
     const double certain = lower - approach.distance - space.rounding;
@@ -300,12 +388,9 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
         if (pair.with_obstacle) sum.obstacle_tube = std::min(sum.obstacle_tube, slack);
         return;
     }
+    if (sum.list + sum.open == lists_.size()) lists_.emplace_back();
     lists_[sum.list + sum.open++] = k;
     sum.step = std::max(sum.step, approach.bare);
-    if (distance - margin <= 0.0 && distance - margin < sum.depth) {
-        sum.depth = distance - margin;
-        sum.contact = k;
-    }
     sum.open_proven = std::min(sum.open_proven, certain - moved);
     sum.open_joint_tube = std::min(sum.open_joint_tube, tube);
     if (pair.with_obstacle) sum.open_obstacle_tube = std::min(sum.open_obstacle_tube, slack);
@@ -344,10 +429,11 @@ bool CurveProof::decide(const Interval& interval, const Summary& sum) {
 void CurveProof::bisect(const Interval& interval, const Middle& middle, const Summary& sum) {
     const std::size_t size = curve_.points * curve_.dof;
     const bool single = is_single_piece(interval);
-    Interval left{
-        interval.start, middle.time, interval.first_piece, single ? interval.end_piece : middle.piece, sum.list,
-        sum.open,       false};
-    Interval right{middle.time, interval.end, middle.piece, interval.end_piece, sum.list, sum.open, false};
+    const bool all = sum.all_pairs_open;
+    const std::size_t list = all ? interval.list : sum.list;
+    Interval left{interval.start, middle.time, interval.first_piece, single ? interval.end_piece : middle.piece, list,
+                  sum.open, all};
+    Interval right{middle.time, interval.end, middle.piece, interval.end_piece, list, sum.open, all};
     if (sum.contact < 0) push(right, single ? halves_.data() + size : curve_.piece(right.first_piece));
     push(left, single ? halves_.data() : curve_.piece(left.first_piece));
 }

@@ -108,6 +108,12 @@ private:
         Separation separation;
         double distance = std::numeric_limits<double>::infinity();
     };
+    // What is proven of a body and all obstacles in a node, or of a pair.
+    struct FarNode {
+        int body, row;        // of the tree of obstacles
+        double gap, certain;  // m; at the middle and in the interval
+        double growth, growth_range;
+    };
     // Sums over the pairs of one interval.
     struct Summary;
 
@@ -121,6 +127,11 @@ private:
     void list_pairs(Interval& interval, Summary& sum);
     void judge_pairs(const Interval& interval, Summary& sum);
     void judge(int pair, const Interval& interval, Summary& sum);
+    bool is_wide(const Interval& interval) const;
+    void find_contact(Summary& sum);
+    void note_distance(int pair, double distance, Summary& sum);
+    FarNode bound_node(int body, int row, double level, bool single) const;
+    bool is_clear(const FarNode& far, double clear, double margin, bool with_obstacle, const Summary& sum) const;
     bool is_clearly_apart(int pair, const Approach& rough, const Summary& sum) const;
     bool is_bisected(const Summary& sum) const;
     bool decide(const Interval& interval, const Summary& sum);
@@ -142,6 +153,7 @@ private:
     std::vector<double> parts_;   // (depth, points, dof) the control points of the intervals on the stack
     std::vector<double> part_;    // of the interval in work
     std::vector<double> halves_;  // (2, points, dof) of its halves
+    std::vector<FarNode> far_;    // what the list of an interval leaves out
     std::vector<int> lists_;      // the pairs of all intervals on the stack
     std::vector<PairMemory> memory_;
     std::vector<int> memory_of_pair_;  // the index of each pair in memory_; -1: none

@@ -183,6 +183,17 @@ void MotionBounds::set_piece(const double* control, int points, const double* mi
     }
 }
 
+MotionBounds::Simple MotionBounds::nearly_tight_to_obstacles(int body, const Vec3& u) const {
+    const Body& of = world_.space().bodies[body];
+    double most = 0.0;
+    for (int r = 0; r < rows_; ++r) {
+        const Displacement& moved = displacement(r, of.joint);
+        const double along = dot(u, moved.of(bodies_[body].centre));
+        most = std::max(most, (straight_ ? std::abs(along) : along) + extent(bodies_[body], *of.shape, cross(u, moved.turn)));
+    }
+    return {most + remainder_of_[body].distance, remainder_of_[body].growth};
+}
+
 double MotionBounds::first_order(const Pair& pair, int split, const Vec3& u) const {
     const Geometry& space = world_.space();
     const std::span<const int> path = world_.joints_between(pair);

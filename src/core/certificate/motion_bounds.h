@@ -109,10 +109,12 @@ public:
         double distance, growth;
     };
     Simple nearly_tight(const Pair& pair, int split, const Vec3& u) const {
-        Simple sum = pair.with_obstacle ? remainder_of_[pair.a] : remainder(pair, split, nullptr);
+        if (pair.with_obstacle) return nearly_tight_to_obstacles(pair.a, u);
+        Simple sum = remainder(pair, split, nullptr);
         sum.distance += first_order(pair, split, u);
         return sum;
     }
+    Simple nearly_tight_to_obstacles(int body, const Vec3& u) const;
 
 private:
     Approach rough_between(const Pair& pair) const;

@@ -15,6 +15,12 @@ inline Vec3 beyond_box(const Vec3& offset, const Vec3& half) {
     return {out(offset.x, half.x), out(offset.y, half.y), out(offset.z, half.z)};
 }
 
+// The vector to a point from the closest point of a box with two opposite corners.
+inline Vec3 beyond_box(const Vec3& point, const Vec3& low, const Vec3& high) {
+    const auto out = [](double x, double l, double h) { return x < l ? x - l : x > h ? x - h : 0.0; };
+    return {out(point.x, low.x, high.x), out(point.y, low.y, high.y), out(point.z, low.z, high.z)};
+}
+
 // The distance of a box and a point at `offset` from its centre, in the frame of the box.
 inline double point_to_box(const Vec3& offset, const Vec3& half) {
     double total = 0.0;

@@ -251,7 +251,7 @@ def test_displaced_obstacles_limit_the_clearance_even_if_they_are_far(kinds: str
         assert certificate.free
         rounded = 1e-15  # of the differences that the test and the checker compute
         assert 0.3 * own < certificate.clearance <= 0.7 * own - checker.rounding + rounded
-        assert 0 < certificate.tube.largest_obstacles <= 0.7 * own - checker.rounding
+        assert 0 < certificate.tube.largest_obstacles <= 0.7 * own - checker.rounding + rounded
         nearer = pp.certify(curve, checker, obstacle_tolerance=moved + 0.7 * own + 1e-6, limits=None)
         assert nearer.status is COLLIDING
     assert judged >= 20

@@ -539,6 +539,12 @@ CONTACT: int = -1
 
 NOT_FINITE: int = -2
 
+def enter_triangles(
+    triangles: NDArray[numpy.float64],
+    origins: NDArray[numpy.float64],
+    direction: NDArray[numpy.float64],
+    start: NDArray[numpy.float64],
+) -> tuple[NDArray[numpy.float64], NDArray[numpy.float64]]: ...
 def carve(
     cells: NDArray[numpy.uint8],
     low: NDArray[numpy.int64],

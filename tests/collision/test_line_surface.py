@@ -7,8 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof._core import enter_triangles
 from pinproof.collision import Cone, ConvexHull, Ellipsoid, OccupancyGrid
 from pinproof.collision.checking.line_surface import (
     TOUCH,
@@ -22,6 +25,8 @@ from pinproof.collision.checking.line_surface import (
 from pinproof.collision.geometry.inner_shapes import spiral_directions
 from pinproof.errors import InputError
 from pinproof.spatial import SE3, Array, translated
+
+from ..examples import examples
 
 Implicit = Callable[[Array], Array]
 
@@ -249,3 +254,47 @@ def test_a_body_inside_a_mesh_overlaps_it_and_one_inside_a_surface_does_not():
 def test_a_half_space_has_no_bounded_surface():
     with pytest.raises(InputError, match="bounded"):
         surface_of(pp.HalfSpace())
+
+
+def first_triangles(corners: Array, origins: Array, direction: Array, start: Array) -> tuple[Array, Array]:
+    """Every line against every triangle, by the equations of the planes and of the edges."""
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1)
+    normals = normals / np.where(lengths == 0.0, np.inf, lengths)[:, None]
+    slope = normals @ direction
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depths = ((corners[:, 0] - origins[:, None]) * normals).sum(axis=-1) / slope
+        points = origins[:, None] + depths[..., None] * direction
+        sides = [
+            (np.cross(corners[:, (k + 1) % 3] - corners[:, k], points - corners[:, k]) * normals).sum(axis=-1)
+            for k in range(3)
+        ]
+        on = (np.min(sides, axis=0) >= 0) & (np.abs(slope) > 1e-12) & (depths >= start[:, None])
+    depths = np.where(on, depths, np.inf)
+    first = depths.argmin(axis=1)
+    depth = depths[np.arange(len(origins)), first]
+    facing = np.where((slope > 0)[:, None], -normals, normals)[first]
+    return depth, np.where(np.isfinite(depth)[:, None], facing, 0.0)
+
+
+@examples(60)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_lines_meet_the_first_of_any_triangles(seed: int) -> None:
+    """Random triangles, among them flat and parallel ones, and lines through and beside them."""
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(rng.integers(0, 60), 3, 3)) * rng.choice([0.2, 1.0])
+    direction = rng.normal(size=3) if rng.random() < 0.5 else np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0])
+    direction /= np.linalg.norm(direction)
+    if len(corners) > 4:
+        corners[0, 1] = corners[0, 2]  # no area
+        corners[1, 2] = corners[1, 1] + direction  # parallel to the lines
+    origins = rng.normal(size=(rng.integers(0, 200), 3))
+    start = np.where(rng.random(len(origins)) < 0.5, -np.inf, rng.normal(size=len(origins)))
+    depth, normals = enter_triangles(corners, origins, direction, start)
+    if len(corners) == 0:
+        assert (depth == np.inf).all()
+        assert not normals.any()
+        return
+    expected, facing = first_triangles(corners, origins, direction, start)
+    np.testing.assert_allclose(depth, expected, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(normals, facing, atol=1e-9)

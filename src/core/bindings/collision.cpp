@@ -4,6 +4,7 @@
 
 #include "bindings/structs.h"
 #include "collision/hull_space.h"
+#include "collision/line_entry.h"
 #include "collision/mesh.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
@@ -332,6 +333,23 @@ std::vector<float> rounded(std::span<const double> depth) {
     return values;
 }
 
+void bind_lines(nb::module_& module) {
+    module.def(
+        "enter_triangles",
+        [](const Stack& triangles, const Matrix& origins, const Vector& direction, const Vector& start) {
+            const auto corners = shaped("triangles", triangles, {kAny, 3, 3});
+            const auto from = shaped("origins", origins, {kAny, 3});
+            const std::size_t count = origins.shape(0);
+            const auto after = shaped("start", start, {count});
+            double* depth = nullptr;
+            auto depths = filled({count}, depth);
+            std::vector<Vec3> normals(count);
+            enter_triangles(corners, from, unit_vector("direction", direction, 1e-6), after, {depth, count}, normals);
+            return std::tuple(depths, table(normals, &Vec3::x, &Vec3::y, &Vec3::z));
+        }, "triangles"_a, "origins"_a, "direction"_a, "start"_a,
+        "Where lines along a direction first meet triangles (F, 3, 3) beyond `start` (G,): depths (G,), normals (G, 3).");
+}
+
 void bind_occupancy(nb::module_& module) {
     module.def(
         "carve",
@@ -373,6 +391,7 @@ void bind_collision(nb::module_& module) {
     bind_shapes(module);
     bind_world(module);
     bind_workspace(module);
+    bind_lines(module);
     bind_occupancy(module);
 }
 

@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from numbers import Real
 from pathlib import Path
 from typing import TypeAlias
@@ -38,6 +39,9 @@ LimitsLike: TypeAlias = JointLimits | LimitsFile | Mapping[str, tuple[float, flo
 DH_FRAME = re.compile(r"dh_\d+")
 
 MOVING = ("revolute", "continuous", "prismatic")
+
+AXES_KEPT = 256
+"""Number of directions of axes of which the rotation is kept: those of one robot are few, and the same in every arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,11 +290,17 @@ def compiled_chain(
 def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:
     """Return the rotation that takes z to the axis of a joint, and whether the joint is prismatic."""
     axis, prismatic = joint_axis(model, joint)
-    helper = np.zeros(3)
+    return pin.SE3(_aligned(*axis.tolist())), prismatic
+
+
+@lru_cache(maxsize=AXES_KEPT)
+def _aligned(*direction: float) -> pin.SE3:
+    """Return the rotation that takes z to a unit vector."""
+    axis, helper = np.array(direction), np.zeros(3)
     helper[int(np.abs(axis).argmin())] = 1.0  # so that the rotation is exact for a coordinate axis
     x = np.cross(helper, axis)
     x /= np.linalg.norm(x)
-    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3)), prismatic
+    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3))
 
 
 def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pinproof._core import enter_triangles
 from pinproof.collision.checking.placed_bodies import MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support, one_inside_other, shape_body, triangles_of
 from pinproof.collision.geometry.hulls import Solid
@@ -27,9 +28,6 @@ CONE_SIDES = 128
 
 OUTER_SIDES = 16
 """Sides of the circumscribed prism that bounds a disc; at most 2 % of the radius beyond it."""
-
-CHUNK = 2_000_000
-"""Pairs of a line and a triangle that are intersected at a time, which takes about 100 MB."""
 
 TOUCH = 1e-5
 """Metres: bodies at this distance or less touch."""
@@ -108,9 +106,10 @@ class LineSurface:
         Points of a mesh before the depths ``after`` (G,) are ignored. A line enters a convex body once, and misses it
         if it leaves the body before this depth.
         """
-        start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
+        start = np.full(len(origins), after, dtype=float)
         if self.triangles is not None:
-            return _enter_triangles(self.triangles, origins, direction, start)
+            lines = np.ascontiguousarray(origins), np.ascontiguousarray(direction)
+            return SurfacePoints(*enter_triangles(np.ascontiguousarray(self.triangles), *lines, start))
         depth, out, normals = self.span(origins, direction)
         return SurfacePoints(np.where((depth <= out) & (out > start), depth, np.inf), normals)
 
@@ -307,41 +306,3 @@ def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Arr
 def _unit(vectors: Array) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.nan_to_num(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
-
-
-# -- triangles --------------------------------------------------------------------------------------------------------
-
-
-def _enter_triangles(corners: Array, origins: Array, direction: Array, start: Array) -> SurfacePoints:
-    """Return the first triangle (F, 3, 3) of each line at or beyond its start; both sides of a triangle count."""
-    # Two unit vectors perpendicular to the direction.
-    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    first /= np.linalg.norm(first)
-    across = np.array([first, np.cross(direction, first)])
-    flat, height = corners @ across.T, corners @ direction
-    lines, along = origins @ across.T, origins @ direction
-    low, high = lines.min(axis=0), lines.max(axis=0)
-    near = ((flat.max(axis=1) >= low) & (flat.min(axis=1) <= high)).all(axis=1)
-    normals = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    near &= np.abs(normals @ direction) > PARALLEL
-    flat, height, normals = flat[near], height[near], normals[near]
-    depth, found = np.full(len(origins), np.inf), np.zeros((len(origins), 3))
-    step = max(1, CHUNK // max(len(lines), 1))
-    for k in range(0, len(flat), step):
-        # The first of some triangles on each line, by barycentric coordinates in the plane across the lines.
-        (a, b, c), (za, zb, zc) = np.moveaxis(flat[k : k + step], 1, 0), height[k : k + step].T
-        e, f, x = b - a, c - a, lines[:, None] - a
-        area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = (x[..., 0] * f[:, 1] - x[..., 1] * f[:, 0]) / area
-            v = (e[:, 0] * x[..., 1] - e[:, 1] * x[..., 0]) / area
-            z = za + u * (zb - za) + v * (zc - za) - along[:, None]
-            on = (u >= 0) & (v >= 0) & (u + v <= 1) & (z >= start[:, None])
-        z = np.where(on, z, np.inf)
-        which = z.argmin(axis=1)
-        hit = z[np.arange(len(z)), which]
-        closer = hit < depth
-        depth[closer] = hit[closer]
-        facing = normals[k : k + step][which[closer]]
-        found[closer] = np.where((facing @ direction > 0)[:, None], -facing, facing)
-    return SurfacePoints(depth, found)

@@ -48,7 +48,7 @@ from pinproof.collision import (
 )
 from pinproof.common.structs import OPTIONAL_NUMBER, key, struct
 from pinproof.description import UrdfJoint, moved_by
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup, chain_of, held_values
 from pinproof.picks.input.settings import GripLimits, GripperFingers, SuctionCup
 from pinproof.spatial import SE3, Array, translated
 
@@ -213,9 +213,17 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
     sharpest = max((acceleration for _, acceleration in bounds.values()), default=0.0)
     steps = int(np.clip(np.ceil(np.sqrt(sharpest / (8 * SAGITTA))), 1, MOST_STEPS))
 
+    # The joints of the gripper as a group, whose placements relative to the tcp do not depend on the arm
+    robot, leaders = arm.robot, [name for name in grip if urdf.joints[name].mimic is None]
+    chain = chain_of(urdf, leaders)
+    still = {name: arm.held[name] for name in arm.held if name not in leaders and urdf.joints[name].mimic is None}
+    still = held_values(urdf, chain, {**still, **dict(zip(arm.joint_names, arm.home.tolist(), strict=True))}, {})
+    group = JointGroup(robot, {arm.tcp: (urdf.root, arm.tcp)}, chain, chain.limits, still)
+    first, last = (np.array([values[name] for name in leaders]) for values in (start, grip))
+
     def placed_at(link: str, share: float) -> SE3:
-        there = arm.with_held({name: start[name] + share * (value - start[name]) for name, value in grip.items()})
-        return there.forward_kinematics(arm.home).actInv(there.frame_placement(arm.home, link))
+        q = first + share * (last - first)
+        return group.root_from_frame(q, arm.tcp).actInv(group.root_from_frame(q, link))
 
     found = []
     for link, surfaces in own.items():

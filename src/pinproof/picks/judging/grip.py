@@ -55,6 +55,9 @@ from pinproof.spatial import SE3, Array, translated
 CONE_EDGES = 16
 """Edges of the pyramids inscribed in the friction cones, which are conservative by 2 %."""
 
+AREA_DIGITS = 12
+"""Areas (m^2) that are equal when rounded to this decimal are equal: rounding decides the order of no two fingers."""
+
 SAME_PLACE = 1e-7
 """Metres: contacts closer to each other than this are considered coincident."""
 
@@ -461,7 +464,7 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
         return GripResult(False, f"{reason} of {part.name}: {cone}", contacts)
     # What holds the part
-    held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
+    held = sorted((patch.contact for patch in enough), key=lambda each: -round(each.contact_area, AREA_DIGITS))
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))

@@ -253,15 +253,7 @@ void bind_planning(nb::module_& module) {
             Doubles shorter;
             {
                 nb::gil_scoped_release release;
-                PathShortener shortener(edges, points);
-                shortener.connect_farthest();
-                if (!numbers.empty()) {
-                    shortener.random_shortcuts(numbers);
-                    shortener.remove_waypoints();
-                    shortener.straighten();
-                    shortener.remove_waypoints();
-                }
-                shorter = shortener.path();
+                shorter = PathShortener::shortened(edges, points, numbers);
             }
             return rows_of(shorter, edges.dof());
         }, "edges"_a, "path"_a, "draws"_a,

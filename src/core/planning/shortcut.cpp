@@ -44,12 +44,42 @@ std::vector<double> lengths_along(const std::vector<std::vector<double>>& path) 
 
 }  // namespace
 
-PathShortener::PathShortener(EdgeChecker& edges, std::span<const double> path) : edges_(edges) {
+PathShortener::PathShortener(EdgeChecker& edges, std::span<const double> path, bool proofs)
+    : edges_(edges), proofs_(proofs) {
     for (std::size_t i = 0; i < path.size(); i += edges.dof()) {
         Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i),
                    path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
         if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
     }
+    given_ = path_;
+}
+
+std::vector<double> PathShortener::shortened(EdgeChecker& edges, std::span<const double> path,
+                                             std::span<const double> draws) {
+    PathShortener quick(edges, path, false);
+    quick.run(draws);
+    if (quick.added_edges_proven()) return quick.path();
+    PathShortener proven(edges, path, true);
+    proven.run(draws);
+    return proven.path();
+}
+
+void PathShortener::run(std::span<const double> draws) {
+    connect_farthest();
+    if (draws.empty()) return;
+    random_shortcuts(draws);
+    remove_waypoints();
+    straighten();
+    remove_waypoints();
+}
+
+// Whether every edge that is not one of the given path is proven free.
+bool PathShortener::added_edges_proven() const {
+    for (std::size_t i = 0; i + 1 < path_.size(); ++i) {
+        const auto here = std::ranges::search(given_, std::span(path_).subspan(i, 2));
+        if (here.empty() && !edges_.proven_free(path_[i].data(), path_[i + 1].data())) return false;
+    }
+    return true;
 }
 
 std::vector<double> PathShortener::path() const {

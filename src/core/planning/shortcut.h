@@ -13,12 +13,17 @@
 
 namespace pinproof {
 
-// A path of straight edges. Each operation keeps its ends, does not make it longer, and adds only edges that are proven
-// free.
+// A path of straight edges. Each operation keeps its ends, does not make it longer, and adds only edges that are free.
 class PathShortener {
 public:
-    // `path` (waypoints, dof)
-    PathShortener(EdgeChecker& edges, std::span<const double> path);
+    // `path` (waypoints, dof). Added edges are proven free or, without `proofs`, only their samples are free.
+    PathShortener(EdgeChecker& edges, std::span<const double> path, bool proofs);
+
+    // All operations, or without draws only the first. They are done without proofs first, and the edges that remain are
+    // proven in the end: most edges that are added are replaced later, and few proofs fail. If one fails, all operations
+    // are done again with proofs.
+    static std::vector<double> shortened(EdgeChecker& edges, std::span<const double> path,
+                                         std::span<const double> draws);
 
     // Connect each kept waypoint to the farthest later waypoint that a free edge reaches.
     void connect_farthest();
@@ -36,12 +41,17 @@ public:
 private:
     using Waypoint = std::vector<double>;
 
-    bool free(const Waypoint& a, const Waypoint& b) { return edges_.proven_free(a.data(), b.data()); }
+    bool free(const Waypoint& a, const Waypoint& b) {
+        return proofs_ ? edges_.proven_free(a.data(), b.data()) : edges_.samples_free(a.data(), b.data());
+    }
+    void run(std::span<const double> draws);
+    bool added_edges_proven() const;
     bool random_shortcut(double first_draw, double last_draw);
     bool move_waypoint(std::size_t i, double& share, double min_gain);
 
     EdgeChecker& edges_;
-    std::vector<Waypoint> path_;
+    bool proofs_;
+    std::vector<Waypoint> path_, given_;
 };
 
 }  // namespace pinproof

@@ -386,7 +386,7 @@ class PickTask:
         # A grasp far from the object is probably stated in another frame
         stated = self._stated_frame
         distance = distance_in(stated)
-        if self.cell.fingers:
+        if distance > FAR_GRASP and self.cell.fingers:
             contacts = self.grip(Member(SE3.Identity())).contacts
             distance = min([distance, *(min(each.open_distance, each.closed_distance) for each in contacts)])
         if distance <= FAR_GRASP:

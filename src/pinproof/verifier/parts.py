@@ -359,9 +359,9 @@ class Body:
             # A point cannot get from outside to inside without crossing a triangle if each edge between two points
             # occurs equally often in both directions.
             same = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[self.triangles]
-            edges = np.concatenate([same[:, [0, 1]], same[:, [1, 2]], same[:, [2, 0]]])
-            number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)[1].reshape(-1)
-            if np.bincount(number, np.sign(edges[:, 1] - edges[:, 0])).any():
+            begin, end = same.reshape(-1), np.roll(same, -1, axis=1).reshape(-1)
+            edge = np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)
+            if np.bincount(np.unique(edge, return_inverse=True)[1], np.sign(end - begin)).any():
                 raise Refused(f"{where}.solid: the triangles do not enclose a volume")
 
     @property

@@ -615,7 +615,7 @@ def _in_tree_order(corners: Array) -> Array:
         group = np.repeat(np.arange(len(begins)), sizes)
         low, high = (side.reduceat(centres[order], begins, axis=0) for side in (np.minimum, np.maximum))
         along = centres[order, (high - low).argmax(axis=1)[group]]
-        order = order[np.lexsort([order, along, group])]
+        order = order[np.lexsort([along, group])]
         begins = np.unique([begins, begins + sizes // 2])
     return np.asarray(corners[order])
 

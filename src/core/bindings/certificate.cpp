@@ -165,9 +165,9 @@ void bind_departure(nb::module_& module) {
         });
     bind_result<PairSeparation>(
         module, "PairSeparation", "How a body separates from an obstacle that it may touch.",
-        FIELDS(PairSeparation, far, overlaps, gap, groups), "unclear", [](const PairSeparation& found) {
-            return array_of<std::int64_t>(found.unclear);
-        });
+        FIELDS(PairSeparation, far, overlaps, gap, groups, complete),
+        "rest", [](const PairSeparation& found) { return array_of<std::int64_t>(found.rest); },
+        "unclear", [](const PairSeparation& found) { return array_of<std::int64_t>(found.unclear); });
     module.def("separate", &separate, "world"_a, "pairs"_a, "knots"_a, "control"_a, "settings"_a, "more"_a,
                "The PairSeparation of each pair with an obstacle along a curve; `more` (D, 3): directions to try.");
     module.def("facet_directions", &facet_directions, "world"_a, "pair"_a, "q"_a, "reach"_a,

@@ -325,6 +325,7 @@ void Separator::leave_facets(const Pair& pair, const ClosePair& close, std::vect
     std::vector<char> grouped(close.obstacle.mesh->triangles.size());
     for (const SeparatingGroup& group : found.groups)
         for (int facet : group.facets) grouped[facet] = 1;
+    found.complete = std::ranges::all_of(near, [&](int facet) { return grouped[facet]; });
     for (SeparatingGroup& group : found.groups) {
         const Transform& at = close.other.root_from_body;
         const Vec3 axis = transposed_times(at.rotation, group.normal);
@@ -336,6 +337,8 @@ void Separator::leave_facets(const Pair& pair, const ClosePair& close, std::vect
         });
         std::ranges::sort(group.facets);
     }
+    for (std::size_t facet = 0; facet < grouped.size(); ++facet)
+        if (!grouped[facet] && !found.groups.empty()) found.rest.push_back(static_cast<int>(facet));
 }
 
 }  // namespace pinproof

@@ -45,6 +45,8 @@ struct PairSeparation {
     bool overlaps = false;                // whether the bodies are not proven apart at the start
     double gap = 0.0;                     // m, along the best direction; of a mesh, of the facet with the smallest one
     std::vector<SeparatingGroup> groups;  // none if the overlap is too deep, or if no facet is close
+    bool complete = false;                // whether every facet that is close is in a group
+    std::vector<int> rest;                // the facets of a mesh in no group, if there are groups
     std::vector<int> unclear;             // facets that overlap a convex body along each direction, the deepest first
 };
 

@@ -133,16 +133,13 @@ class _SeparatingPair:
     bodies: tuple[str, str]
     group: SeparatingGroup
     end: float
-    of_facets: bool = False
+    until: float  # after it the distance is larger than the margin, by the gap or by the ordinary proof
+    of_facets: bool
 
     @classmethod
-    def of(cls, checker: CollisionChecker, pair: int, group: SeparatingGroup, *, of_facets: bool) -> _SeparatingPair:
-        return cls(pair, checker.owners(pair), group, group.proof.end, of_facets)
-
-    @property
-    def until(self) -> float:
-        """The parameter after which the distance is larger than the margin, by the gap or by the ordinary proof."""
-        return min(self.group.proof.until, self.end)
+    def of(cls, pair: int, bodies: tuple[str, str], group: SeparatingGroup, *, of_facets: bool) -> _SeparatingPair:
+        proof = group.proof
+        return cls(pair, bodies, group, proof.end, min(proof.until, proof.end), of_facets)
 
 
 class _WithFacets(NamedTuple):
@@ -178,46 +175,46 @@ def _departures(
             (found[int(nearest[0])],) = separations(checker, nearest, motion.bezier, at_any)
     # The groups of facets from which bodies separate, and the rest of their meshes, are obstacles of their own.
     bodies: dict[tuple[int, bytes], tuple[int, Body]] = {}
+    groups: dict[int, list[SeparatingGroup]] = {}
     parts: dict[int, list[int]] = {}  # of the meshes that are split: the new bodies, groups first
     for pair, each in found.items():
         if each.far:
             continue
-        if not each.groups:
+        if not (own := each.groups):
             contact = _find_start_contact(checker, pair, pair, motion, each.gap)
             if contact is not None:
                 return [], _WithFacets(checker, {}, {}), contact
             continue  # apart but interlocked: proven as an ordinary pair
-        if len(each.groups[0].facets):
-            b = checker.indices_of(pair)[1]
-            mesh, facets = checker.bodies[b], [group.facets for group in each.groups]
-            rest = np.delete(np.arange(len(mesh.core_shape.corners)), np.concatenate(facets))
-            for own in (*facets, *([rest] if len(rest) else [])):
-                key, number = (b, own.tobytes()), len(checker.bodies) + len(bodies)
+        groups[pair] = own
+        facets = [group.facets for group in own]
+        if len(facets[0]):
+            b, rest = checker.indices_of(pair)[1], each.rest
+            mesh, parts[pair] = checker.bodies[b], []
+            for some in (*facets, *([rest] if len(rest) else [])):
+                key, number = (b, some.tobytes()), len(checker.bodies) + len(bodies)
                 if key not in bodies:
-                    bodies[key] = number, facet_body(mesh, f"{mesh.name}, facets {number}", own)
-                parts.setdefault(pair, []).append(bodies[key][0])
+                    bodies[key] = number, facet_body(mesh, f"{mesh.name}, facets {number}", some)
+                parts[pair].append(bodies[key][0])
     full, old, new = checker, np.arange(len(checker.margins)), dict[tuple[int, int], int]()
     if parts:
-        added = sorted((checker.indices_of(pair)[0], body) for pair, own in parts.items() for body in own)
+        added = sorted((checker.indices_of(pair)[0], body) for pair, those in parts.items() for body in those)
         full, old, places = checker._with_obstacle_bodies([body for _, body in bodies.values()], np.array(added))
         new = dict(zip(added, places.tolist(), strict=True))
     separating: list[_SeparatingPair] = []
     pieces, parts_of = {}, {}
-    for pair, each in found.items():
-        if each.far or not each.groups:
-            continue
-        place = int(old[pair])
+    for pair, own in groups.items():
+        place, owners = int(old[pair]), checker.owners(pair)
         if pair not in parts:
-            separating.append(_SeparatingPair.of(full, place, each.groups[0], of_facets=False))
+            separating.append(_SeparatingPair.of(place, owners, own[0], of_facets=False))
             continue
         split = [new[checker.indices_of(pair)[0], body] for body in parts[pair]]
         pieces[place] = [
-            _SeparatingPair.of(full, k, group, of_facets=True) for k, group in zip(split, each.groups, strict=False)
+            _SeparatingPair.of(k, owners, group, of_facets=True) for k, group in zip(split, own, strict=False)
         ]
         parts_of[place] = set(split)
         separating += pieces[place]
-        for k in split[len(each.groups) :]:  # the rest of the mesh
-            contact = _find_start_contact(full, k, pair, motion, each.gap)
+        for k in split[len(own) :] if not found[pair].complete else ():  # a close facet is in the rest of the mesh
+            contact = _find_start_contact(full, k, pair, motion, found[pair].gap)
             if contact is not None:
                 return [], _WithFacets(checker, {}, {}), contact
     return separating, _WithFacets(full, pieces, parts_of), None

@@ -234,18 +234,20 @@ def _pairs_of_robot(
     checked, excluded, finer = list[tuple[int, int]](), list[ExcludedPair](), list[FinerPair]()
     unexplained = unexplained_pairs(robot)
     carried = {owner for owner, mine in members.items() if own[mine[0]].link in robot.movers.values()}
+    bodies = {owner: [own[i] for i in mine] for owner, mine in members.items()}
+    coarse = {owner: _on_level(own, mine, 0) for owner, mine in members.items()}
     for a, b in combinations(members, 2):
         if a in carried and b in carried:
             continue
         key = frozenset((a, b))
-        reason = reasons.get(key) or neighbours.reason(*([own[i] for i in members[owner]] for owner in (a, b)))
+        reason = reasons.get(key) or neighbours.reason(bodies[a], bodies[b])
         if reason:
             excluded.append(ExcludedPair((a, b), reason))
             continue
         level = levels.get(key, 0)
-        sides = [_on_level(own, members[owner], level) for owner in (a, b)]
-        checked.extend((min(i, j), max(i, j)) for i, j in product(*sides))
-        if any(own[i].level for side in sides for i in side):
+        sides = [_on_level(own, members[owner], level) if level else coarse[owner] for owner in (a, b)]
+        checked.extend([(i, j) if i < j else (j, i) for i, j in product(*sides)])
+        if level and any(own[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
             finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], reason))
     return Pairs(np.array(checked, dtype=np.int64).reshape(-1, 2), excluded, finer)

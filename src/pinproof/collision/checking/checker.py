@@ -467,11 +467,16 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
     @property
     def obstacles_and_links(self) -> tuple[str, ...]:
         """The owners of all bodies: links with geometry, attached objects, obstacles."""
-        return tuple(dict.fromkeys(body.owner for body in self.bodies))
+        return tuple(self._owners[0])
+
+    @cached_property
+    def _owners(self) -> tuple[dict[str, int], npt.NDArray[np.int64]]:
+        """The owners of all bodies with their numbers, and (B,) the number of the owner of each body."""
+        return numbered_owners(self.bodies)
 
     def pairs_of_owners(self, one: str, other: str) -> list[int]:
         """Return the indices of the checked pairs of the bodies of two owners."""
-        numbers, owners = numbered_owners(self.bodies)
+        numbers, owners = self._owners
         if one not in numbers or other not in numbers:
             return []
         found: list[int] = np.flatnonzero(is_pair(owners[self._pairs], numbers[one], numbers[other])).tolist()
@@ -552,10 +557,12 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
     def _take(self, made: Assembly) -> None:
         checked, excluded, finer = made.pairs
         checked.setflags(write=False)
+        if self.__dict__.get("bodies") is not made.bodies:
+            self.__dict__.pop("_owners", None)
+            self._exact = tuple([body for body in made.bodies if body.is_exact and body.support is None])
         self.__dict__.pop("pairs", None)
         self.__dict__.update(bodies=made.bodies, excluded=tuple(excluded), finer=tuple(finer), rounding=made.rounding)
         self._assembly, self._pairs, self._geometry_model = made, checked, None
-        self._exact = tuple([body for body in made.bodies if body.is_exact and body.support is None])
         self._set_margins(made.geometry)
 
     def _set_margins(self, geometry: Geometry | None = None) -> None:
@@ -563,7 +570,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         spec, pairs = self._spec, self._pairs
         margins = np.full(len(pairs), spec.margin, dtype=float)
         if spec.margins:
-            numbers, owners = numbered_owners(self.bodies)
+            numbers, owners = self._owners
             for name in sorted({name for pair in spec.margins for name in pair}.difference(numbers)):
                 raise UnknownNameError("body", name, tuple(numbers), "margins")
             for (one, other), margin in spec.margins.items():

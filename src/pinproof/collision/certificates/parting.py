@@ -166,10 +166,10 @@ def _departures(
     settings = SeparationSettings(NEAR, DEEPEST, limits.obstacles, limits.tolerance, limits.max_intervals)
     every = np.array(list(dict.fromkeys(np.concatenate(pairs).tolist())))
     found = dict(zip(every.tolist(), separations(checker, every, motion.bezier, settings), strict=True))
-    for own in pairs:
-        if all(found[k].far for k in own.tolist()) and checker.convex[own].any():
+    for of_names in pairs:
+        if all(found[k].far for k in of_names.tolist()) and checker.convex[of_names].any():
             # The verdict on bodies that do not touch states the gap of the closest pair.
-            convex, space = own[checker.convex[own]].tolist(), checker._placed(start)
+            convex, space = of_names[checker.convex[of_names]].tolist(), checker._placed(start)
             nearest = np.array([min(convex, key=lambda k: space.measure(k).proven)])
             at_any = SeparationSettings(np.inf, DEEPEST, limits.obstacles, limits.tolerance, limits.max_intervals)
             (found[int(nearest[0])],) = separations(checker, nearest, motion.bezier, at_any)

@@ -148,6 +148,16 @@ def mesh(**changes: Any) -> Any:
     return _core.Shape.mesh(**{**values, **changes})
 
 
+def cells(**changes: Any) -> Any:
+    low = changes.pop("low", np.zeros((1, 3), dtype=np.int64))
+    return _core.Shape.cells(**{"low": low, "high": low + 1, "side": 0.1, **changes})
+
+
+def cells_on_a_joint() -> Any:
+    space = _core.Geometry(tree(), [body(cells(), 0)], _core.Obstacles([body(cube(), -1)]), 1e-9)
+    return _core.World(space, PAIRS[:1] - [0, 1], np.zeros(1))
+
+
 def tree(parents: tuple[int, int] = (-1, 0), dof: int = 2, **changes: Any) -> Any:
     """A revolute joint, and a prismatic one with these changes."""
     last = {"before": moved(0.5), "prismatic": True, "index": 1, **changes}
@@ -400,6 +410,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a body on a joint that does not exist": lambda: geometry(joints=(0, 2, -1)),
     "an obstacle on a joint": lambda: geometry(joints=(0, 1, 1)),
     "an obstacle without a shape": lambda: _core.Obstacles([body(None, -1)]),
+    "no cells": lambda: cells(low=np.zeros((0, 3), dtype=np.int64)),
+    "cells without a volume": lambda: cells(high=np.ones((1, 3), dtype=np.int64) * [1, 0, 1]),
+    "cells out of range": lambda: cells(low=np.full((1, 3), -(2**41))),
+    "cells with more upper corners": lambda: cells(high=np.ones((2, 3), dtype=np.int64)),
+    "cells of no side": lambda: cells(side=0.0),
+    "cells of a side that is NaN": lambda: cells(side=NAN),
+    "cells on a joint": cells_on_a_joint,
+    "boxes of a pair that does not exist": lambda: _core.Workspace(world()).overlapping_boxes(2),
     "boxes without poses": lambda: _core.box_bodies(np.ones((2, 3)), np.zeros((1, 4, 4))),
     "boxes of infinite sides": lambda: _core.box_bodies(np.full((1, 3), np.inf), EYE[None]),
     "a name of no box": lambda: _core.describe_boxes(["'a'"], []),

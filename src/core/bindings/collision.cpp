@@ -1,8 +1,10 @@
 // Shapes, the world of a collision checker, queries at single configurations, and grids of free cells.
 #include <bit>
 #include <charconv>
+#include <numeric>
 
 #include "bindings/structs.h"
+#include "collision/cells.h"
 #include "collision/hull_space.h"
 #include "collision/line_entry.h"
 #include "collision/mesh.h"
@@ -43,6 +45,30 @@ NewArray separating_directions(const std::vector<std::shared_ptr<Shape>>& a,
     });
 }
 
+// Cells whose indices are below this are exact as doubles, and do not overflow.
+constexpr std::int64_t kMostCells = std::int64_t{1} << 40;
+
+std::shared_ptr<Shape> make_cells(const IndexMatrix& low, const IndexMatrix& high, double side) {
+    const auto first = shaped("low", low, {kSome, 3}), end = shaped("high", high, {low.shape(0), 3});
+    for (std::size_t i = 0; i < first.size(); ++i)
+        if (first[i] < -kMostCells || end[i] > kMostCells || first[i] >= end[i]) refuse("a box of cells has no volume");
+    finite("side", positive("side", side));
+    auto tree = std::make_shared<CellTree>(first, end, side);
+    const CellNode& all = tree->nodes[0];
+    auto shape = std::make_shared<Shape>(
+        make_shape(ShapeKind::kCells, {}, {}, 0.0, {}, all.centre - all.half, all.centre + all.half));
+    shape->cells = std::move(tree);
+    return shape;
+}
+
+NewArray boxes_of(const Shape& shape, const std::vector<int>& numbers) {
+    return filled<double>({numbers.size(), 2, 3}, [&](double* out) {
+        for (int number : numbers)
+            for (const Vec3& v : {shape.cells->boxes[number].centre, shape.cells->boxes[number].half})
+                for (int i = 0; i < 3; ++i) *out++ = v[i];
+    });
+}
+
 void bind_shapes(nb::module_& module) {
     nb::class_<Shape>(module, "Shape", "The shape of a body in its own frame.")
         .def_static(
@@ -63,13 +89,23 @@ void bind_shapes(nb::module_& module) {
                 return shape;
             }, "corners"_a, "witnesses"_a, "closed"_a, "box"_a,
             "Triangles (F, 9) with a point of each connected part (W, 3). A closed mesh is solid.")
+        .def_static("cells", &make_cells, "low"_a, "high"_a, "side"_a,
+                    "Boxes from low (N, 3) to high (N, 3), in cells of a side (m), as one obstacle.")
+        .def_prop_ro("boxes", [](const Shape& shape) {
+                std::vector<int> every(shape.cells ? shape.cells->boxes.size() : 0);
+                std::iota(every.begin(), every.end(), 0);
+                return boxes_of(shape, every);
+            }, "(B, 2, 3) centre and half sides of the boxes to which cells are joined.")
         .def("contains", [](const Shape& shape, const Matrix& points) {
                 const double* p = shaped("points", points, {kAny, 3}).data();
                 return filled<bool>({points.shape(0)}, [&](bool* inside) {
-                    for (std::size_t i = 0; i < points.shape(0); ++i, p += 3)
-                        inside[i] = shape.mesh != nullptr && shape.mesh->contains({p[0], p[1], p[2]});
+                    for (std::size_t i = 0; i < points.shape(0); ++i, p += 3) {
+                        const Vec3 point{p[0], p[1], p[2]};
+                        inside[i] = shape.cells ? shape.cells->contains(point)
+                                                : shape.mesh != nullptr && shape.mesh->contains(point);
+                    }
                 });
-            }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
+            }, "points"_a, "(N,) whether points (N, 3) are inside cells or a closed mesh.")
         .def_prop_ro("corners", [](const Shape& shape) {
                 std::vector<double> numbers;
                 if (shape.mesh != nullptr)
@@ -180,8 +216,9 @@ std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const Inde
         const std::int64_t a = bodies[k], b = bodies[k + 1];
         if (a < 0 || a >= robot || b < 0 || b >= every || a == b)
             refuse("a pair must be a body of the robot and another body");
-        if (geometry->shape(static_cast<int>(a)).kind == ShapeKind::kHalfSpace)
-            refuse("a half-space must be the second body of a pair");
+        const ShapeKind kind = geometry->shape(static_cast<int>(a)).kind;
+        if (kind == ShapeKind::kHalfSpace || kind == ShapeKind::kCells)
+            refuse("a half-space, and cells, must be the second body of a pair");
     }
     return std::make_shared<World>(std::move(geometry), bodies, margins_of(margins, pairs.shape(0)));
 }
@@ -292,6 +329,11 @@ void bind_workspace(nb::module_& module) {
                 return std::tuple(bounds.lower, bounds.upper, witnesses, normal);
             }, "pair"_a,
             "(lower, upper, points (2, 3), normal (3,)) of the distance of a pair, in the root frame.")
+        .def("overlapping_boxes", [](const Workspace& self, std::size_t pair) {
+                if (pair >= self.world().pairs.size()) refuse("not a pair of bodies");
+                const int k = static_cast<int>(pair);
+                return boxes_of(self.world().shape(self.world().pairs[k].b), self.overlapping_boxes(k));
+            }, "pair"_a, "(B, 2, 3) centre and half sides of the boxes of cells that a pair does not prove apart.")
         .def("root_from_body", [](const Workspace& self, std::size_t body) {
                 return self.bodies().at(body).root_from_body;
             }, "body"_a);
@@ -301,9 +343,6 @@ void bind_workspace(nb::module_& module) {
 }
 
 using Cells = nb::ndarray<std::uint8_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
-
-// Cells on either side of the origin along each axis: their corners are exact doubles, and no index overflows.
-constexpr std::int64_t kMostCells = std::int64_t{1} << 40;
 
 // An image is addressed by int, and its windows by a shift of it.
 constexpr std::size_t kMostPixels = 1 << 16;

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "collision/boxes.h"
+#include "collision/cells.h"
 
 namespace pinproof {
 namespace {
@@ -331,6 +332,48 @@ bool CurveProof::is_clearly_apart(int k, const Approach& rough, const Summary& s
     return is_clear({0, 0, gap, certain, approach.growth, kGrowthRange}, clear, pair.margin, pair.with_obstacle, sum);
 }
 
+// Replace the bound of an approach by the tight one along a direction, if that is smaller.
+bool CurveProof::tighten(const Pair& pair, const Vec3& direction, Approach& approach) const {
+    const double tight = bounds_.tight(pair, approach.split, direction);
+    if (!(tight < approach.distance)) return false;
+    approach.distance = tight;
+    if (settings_.wants_tubes) approach.growth = bounds_.growth(pair, approach.split, direction);
+    return true;
+}
+
+// The weakest bounds over the boxes of a body of cells, each of which is bounded as a body of its own.
+CurveProof::CellBounds CurveProof::bound_cells(const Pair& pair, const Transform& a_from_b, const Approach& rough,
+                                               const DistanceQuery& query) const {
+    const Shape &a = world_.shape(pair.a), &b = world_.shape(pair.b);
+    CellBounds worst{kInfinity, kInfinity, rough.distance, kInfinity};
+    const auto add = [&](double lower, const Approach& approach, double range) {
+        const double slack = lower - approach.distance - world_.space().rounding - pair.margin;
+        if (approach.growth > 0.0) worst.tube = std::min({worst.tube, range, slack / approach.growth});
+        if (lower - approach.distance < worst.lower - worst.approach) {
+            worst.lower = lower;
+            worst.approach = approach.distance;
+        }
+    };
+    visit_cells(
+        *b.cells, BesideCells(a, a_from_b), [&] { return query.above; },
+        [&](std::int32_t i) {
+            const CellBox& box = b.cells->boxes[i];
+            Separation separation;
+            separation.direction = a_from_b * box.centre - a.centre;
+            const DistanceBounds bounds = bound_distance(a, shape_of(box), a_from_b, query, separation);
+            worst.upper = std::min(worst.upper, bounds.upper);
+            Approach approach = rough;
+            const bool may_tighten = a.kind == ShapeKind::kConvex && !(bounds.lower > query.above) &&
+                                     bounds.upper > pair.margin;
+            const Vec3 direction = bodies_[pair.a].root_from_body.rotation * separation.direction;
+            const bool tight = may_tighten && tighten(pair, direction, approach);
+            add(bounds.lower, approach, tight ? kGrowthRange : kInfinity);
+            return worst.upper <= pair.margin;
+        },
+        [&](double gap) { add(gap, rough, kInfinity); });
+    return worst;
+}
+
 // Judge a pair in an interval.
 void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
     const Geometry& space = world_.space();
@@ -361,25 +404,29 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
                                   .below = margin,
                                   .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
                                   .share = quick ? kQuickShare : 0.0};
-        const DistanceBounds bounds = bound_distance(shape_a, shape_b, *a_from_b, query, memory.separation);
-        lower = bounds.lower;
-        distance = bounds.upper;
-        if (distance < kInfinity) memory.distance = distance;
-        if (!hopeless && pair.convex && !(lower > enough) && distance > margin) {
-            direction = a.root_from_body.rotation * memory.separation.direction;
-            const double tight = bounds_.tight(pair, approach.split, direction);
-            if (tight < approach.distance) {
-                approach.distance = tight;
-                if (settings_.wants_tubes) approach.growth = bounds_.growth(pair, approach.split, direction);
-                growth_range = kGrowthRange;
+        if (shape_b.cells && !hopeless) {
+            const CellBounds bounds = bound_cells(pair, *a_from_b, approach, query);
+            lower = bounds.lower;
+            distance = bounds.upper;
+            approach.distance = bounds.approach;
+            approach.growth = 0.0;
+            growth_range = bounds.tube;
+        } else {
+            const DistanceBounds bounds = bound_distance(shape_a, shape_b, *a_from_b, query, memory.separation);
+            lower = bounds.lower;
+            distance = bounds.upper;
+            if (!hopeless && pair.convex && !(lower > enough) && distance > margin) {
+                direction = a.root_from_body.rotation * memory.separation.direction;
+                if (tighten(pair, direction, approach)) growth_range = kGrowthRange;
             }
         }
+        if (distance < kInfinity) memory.distance = distance;
         note_distance(k, distance, sum);
     }
     const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
     const double certain = lower - approach.distance - space.rounding;
     const double slack = certain - margin;
-    const double tube = approach.growth > 0.0 ? std::min(growth_range, slack / approach.growth) : kInfinity;
+    const double tube = approach.growth > 0.0 ? std::min(growth_range, slack / approach.growth) : growth_range;
     if (settings_.record && slack > 0.0)
         state_.evidence.push_back({interval.start, interval.end, k, certain, direction});
     if (certain > goal) {

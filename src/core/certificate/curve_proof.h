@@ -114,6 +114,11 @@ private:
         double gap, certain;  // m; at the middle and in the interval
         double growth, growth_range;
     };
+    // Bounds (m) of the distance of a body from cells, and of its approach to the box of the lower bound; the tolerance
+    // of joints that all boxes allow.
+    struct CellBounds {
+        double upper, lower, approach, tube;
+    };
     // Sums over the pairs of one interval.
     struct Summary;
 
@@ -132,6 +137,9 @@ private:
     void note_distance(int pair, double distance, Summary& sum);
     FarNode bound_node(int body, int row, double level, bool single) const;
     bool is_clear(const FarNode& far, double clear, double margin, bool with_obstacle, const Summary& sum) const;
+    bool tighten(const Pair& pair, const Vec3& direction, Approach& approach) const;
+    CellBounds bound_cells(const Pair& pair, const Transform& a_from_b, const Approach& rough,
+                           const DistanceQuery& query) const;
     bool is_clearly_apart(int pair, const Approach& rough, const Summary& sum) const;
     bool is_bisected(const Summary& sum) const;
     bool decide(const Interval& interval, const Summary& sum);

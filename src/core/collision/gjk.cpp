@@ -5,6 +5,7 @@
 #include <tuple>
 #include <utility>
 
+#include "collision/cells.h"
 #include "collision/mesh.h"
 
 namespace pinproof {
@@ -232,6 +233,7 @@ DistanceBounds iterate(const A& a, const B& b, const Transform& a_from_b, const 
 
 DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
                               Separation& separation) {
+    if (b.kind == ShapeKind::kCells) return bound_cell_distance(a, b, a_from_b, query, separation);
     if (a.kind == ShapeKind::kMesh || b.kind == ShapeKind::kMesh)
         return bound_mesh_distance(a, b, a_from_b, query, separation);
     if (b.kind == ShapeKind::kHalfSpace) return above_plane(a, a_from_b, separation);

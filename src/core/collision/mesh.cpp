@@ -288,8 +288,7 @@ bool contains_part(const Shape& outer, const Shape& inner, const Transform& oute
     if (inner.kind == ShapeKind::kMesh)
         return std::ranges::any_of(inner.mesh->witnesses,
                                    [&](const Vec3& point) { return outer.mesh->contains(outer_from_inner * point); });
-    const PointBlock& block = inner.points[0];
-    return outer.mesh->contains(outer_from_inner * Vec3{block.x[0][0], block.y[0][0], block.z[0][0]});
+    return outer.mesh->contains(outer_from_inner * support(inner, {1.0, 0.0, 0.0}));
 }
 
 }  // namespace

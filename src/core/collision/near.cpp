@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "collision/boxes.h"
+#include "collision/cells.h"
 
 namespace pinproof {
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
@@ -203,6 +204,26 @@ Measured Workspace::measure(int k) const {
     measured.points = {root_from_a * local.of_a, root_from_a * local.of_b};
     measured.normal = root_from_a.rotation * separation.direction;
     return measured;
+}
+
+std::vector<int> Workspace::overlapping_boxes(int k) const {
+    const Pair& pair = world_->pairs[k];
+    const Shape &a = world_->shape(pair.a), &b = world_->shape(pair.b);
+    std::vector<int> found;
+    if (!b.cells) return found;
+    const Transform a_from_b = relative(bodies_[pair.a].root_from_body, bodies_[pair.b].root_from_body);
+    visit_cells(
+        *b.cells, BesideCells(a, a_from_b), [] { return 0.0; },
+        [&](std::int32_t i) {
+            Separation separation;
+            separation.direction = a_from_b * b.cells->boxes[i].centre - a.centre;
+            const DistanceQuery query{.above = 0.0, .below = 0.0};
+            if (!(bound_distance(a, shape_of(b.cells->boxes[i]), a_from_b, query, separation).lower > 0.0))
+                found.push_back(i);
+            return false;
+        },
+        [](double) {});
+    return found;
 }
 
 }  // namespace pinproof

@@ -67,6 +67,9 @@ public:
 
     Measured measure(int pair) const;
 
+    // The boxes of cells that are not proven apart from the first body of a pair.
+    std::vector<int> overlapping_boxes(int pair) const;
+
     const std::vector<int>& contacts() const { return contacts_; }
     const World& world() const { return *world_; }
     const std::vector<Transform>& joints() const { return joints_; }

@@ -24,9 +24,11 @@ enum class ShapeKind {
     kConvex,
     kHalfSpace,  // everything below z = 0 of its own frame
     kMesh,       // triangles, see mesh.h
+    kCells,      // boxes, see cells.h; only as an obstacle
 };
 
 struct TriangleMesh;
+struct CellTree;
 
 // A triangle of a mesh: a convex shape of three points.
 struct Triangle {
@@ -39,6 +41,7 @@ struct Triangle {
 struct Shape {
     ShapeKind kind = ShapeKind::kConvex;
     std::shared_ptr<const TriangleMesh> mesh;  // of a mesh only
+    std::shared_ptr<const CellTree> cells;     // of cells only
     std::vector<PointBlock> points;
     bool has_discs = false;
     bool is_box = false;  // the points are the eight corners of the box `corners_centre` +- `corners_half`

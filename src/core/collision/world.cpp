@@ -15,8 +15,6 @@ struct Bounds {
     Vec3 low, high, centre;
 };
 
-double& coordinate(Vec3& v, int i) { return i == 0 ? v.x : i == 1 ? v.y : v.z; }
-
 // The box in the root frame around the box of an obstacle.
 Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
     Bounds bounds{placed.centre, placed.centre, placed.centre};
@@ -24,8 +22,8 @@ Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
         double reach = 0.0;
         for (int j = 0; j < 3; ++j) reach += std::abs(placed.root_from_body.rotation.m[i][j]) * half[j];
         if (std::isnan(reach)) reach = std::numeric_limits<double>::infinity();  // 0 times a side without end
-        coordinate(bounds.low, i) -= reach;
-        coordinate(bounds.high, i) += reach;
+        bounds.low[i] -= reach;
+        bounds.high[i] += reach;
     }
     return bounds;
 }
@@ -69,8 +67,8 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, cons
     Vec3 low = members[0].centre, high = low;
     for (const Member& member : members)
         for (int i = 0; i < 3; ++i) {
-            coordinate(low, i) = std::min(low[i], member.centre[i]);
-            coordinate(high, i) = std::max(high[i], member.centre[i]);
+            low[i] = std::min(low[i], member.centre[i]);
+            high[i] = std::max(high[i], member.centre[i]);
         }
     const Vec3 width = high - low;
     axes.put_first(width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2);
@@ -83,8 +81,8 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, cons
     ObstacleNode& node = nodes[here];
     node = {nodes[here + 1].low, nodes[here + 1].high, static_cast<int>(nodes.size()), -1};
     for (int i = 0; i < 3; ++i) {
-        coordinate(node.low, i) = std::min(node.low[i], nodes[second].low[i]);
-        coordinate(node.high, i) = std::max(node.high[i], nodes[second].high[i]);
+        node.low[i] = std::min(node.low[i], nodes[second].low[i]);
+        node.high[i] = std::max(node.high[i], nodes[second].high[i]);
     }
 }
 
@@ -154,7 +152,10 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         pair.margin = margins[k];
         pair.with_obstacle = static_cast<std::size_t>(pair.b) >= space.robot_bodies;
         const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
-        pair.convex = a.shape->kind != ShapeKind::kMesh && b.shape->kind != ShapeKind::kMesh;
+        const auto is_convex = [](const Body& body) {
+            return body.shape->kind == ShapeKind::kConvex || body.shape->kind == ShapeKind::kHalfSpace;
+        };
+        pair.convex = is_convex(a) && is_convex(b);
         if (pair.with_obstacle) widest_margin = std::max(widest_margin, pair.margin);
         std::ptrdiff_t influences = 0;
         if (pair.with_obstacle && first_pair[pair.a] >= 0) {

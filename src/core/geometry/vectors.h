@@ -9,6 +9,7 @@ struct Vec3 {
     double x = 0.0, y = 0.0, z = 0.0;
 
     double operator[](int i) const { return i == 0 ? x : i == 1 ? y : z; }
+    double& operator[](int i) { return i == 0 ? x : i == 1 ? y : z; }
 };
 
 inline Vec3 operator+(const Vec3& a, const Vec3& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }

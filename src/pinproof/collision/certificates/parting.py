@@ -52,6 +52,7 @@ def prove_parting(
     """
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     motion = _BodyMotion(curve, Bezier(knots, control), limits)
+    checker = checker._with_facets_of(name for pair in names for name in pair)
     separating_pairs, full, start_contact = _departures(checker, _indices(checker, names), motion)
     if start_contact is not None:
         return _start_contact_verdict(curve, checker, start_contact, prove)

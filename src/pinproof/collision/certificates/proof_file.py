@@ -15,7 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
@@ -592,7 +591,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 
 
 def _shape(body: Body) -> Any:
-    if isinstance(body.geometry, coal.Halfspace):
+    if body.is_half_space:
         return "half_space"
     if body.solid is not None:
         corners = _in_tree_order(body.solid.surface)

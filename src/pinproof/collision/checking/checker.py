@@ -35,7 +35,7 @@ from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, Lin
 from pinproof.collision.checking.penetration import crossing_depth
 from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
 from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair
-from pinproof.collision.geometry.bodies import Body, with_triangles
+from pinproof.collision.geometry.bodies import Body, CellsBody, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.results import Rows, Shown, View
@@ -346,6 +346,19 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         other = copy(self)
         other._take(made._replace(bodies=every, geometry=geometry, pairs=made.pairs._replace(checked=checked)))
         return other, np.delete(np.arange(len(checked)), new), new
+
+    def _with_facets_of(self, owners: Iterable[str]) -> CollisionChecker:
+        """Return the same checker in which those of these obstacles that are many boxes are triangles."""
+        named = {body.owner for body in self.bodies if isinstance(body, CellsBody)}.intersection(owners)
+        if not named:
+            return self
+        made = self._assembly
+        every = tuple([b.as_mesh() if isinstance(b, CellsBody) and b.owner in named else b for b in self.bodies])
+        others = pack_obstacles(body for body in every if body.link is None)
+        geometry = pack_geometry(self.group, every, made.links, self.rounding, others)
+        other = copy(self)
+        other._take(made._replace(bodies=every, geometry=geometry))
+        return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.

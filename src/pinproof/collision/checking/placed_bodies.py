@@ -13,7 +13,7 @@ import numpy as np
 
 from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
-from pinproof.collision.geometry.bodies import Body
+from pinproof.collision.geometry.bodies import Body, CellsBody
 from pinproof.spatial import Array
 
 GJK_TOLERANCE = 1e-8
@@ -123,11 +123,20 @@ class PlacedBodies:
         bodies, place = self._checker.bodies, self.root_from_body
         if self._coal is None:
             self._coal = MeasureByCoal()
-        deep = self._coal(bodies[i], place(i), bodies[j], place(j))
-        distance = min(deep.distance, upper)
-        if upper <= 0 and not self._checker.convex[k]:  # one may be inside the other, without touching its surface
-            distance = -abs(deep.distance)
-        return deep._replace(distance=distance, proven=lower, attained=upper)
+        one, other, root_from_other = bodies[i], bodies[j], place(j)
+        if isinstance(other, CellsBody):  # each of its boxes is measured as a body of its own
+            convex, found = one.support is not None, []
+            for centre, half in self._core.overlapping_boxes(k):
+                at = root_from_other.copy()
+                at[:3, 3] += at[:3, :3] @ centre
+                found.append(self._coal.of(one.geometry, place(i), coal.Box(*(2 * half)), at))
+        else:
+            convex, found = bool(self._checker.convex[k]), [self._coal(one, place(i), other, root_from_other)]
+        # Without convexity, one may be inside the other without touching its surface.
+        inside = upper <= 0 and not convex
+        depths = [-abs(deep.distance) if inside else min(deep.distance, upper) for deep in found]
+        deepest = int(np.argmin(depths))
+        return found[deepest]._replace(distance=depths[deepest], proven=lower, attained=upper)
 
 
 class FixedPairs(NamedTuple):

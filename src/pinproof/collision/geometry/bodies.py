@@ -63,6 +63,11 @@ would extend farther, the triangles are used."""
 DEEP = 0.5 * MOST_EXCESS
 """Depth (m) below its hull up to which a surface counts as part of the hull; a mesh without deeper points is convex."""
 
+MOST_BOXES = 1000
+"""Maximum number of boxes of a point cloud or occupancy grid that are bodies of their own; more boxes are one body,
+which the core measures as a whole. With bodies of their own, checks are a few percent faster, but the bodies and pairs
+of a million cells take a minute and six gigabytes."""
+
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 """Corners of a box with half sides of 1."""
 
@@ -213,6 +218,15 @@ class Body:
         return self.solid.contains(other.witnesses @ own_from_other.rotation.T + own_from_other.translation)
 
     @property
+    def is_half_space(self) -> bool:
+        """Whether it is a half-space, which has neither a support function nor an enclosed volume."""
+        return self.support is None and self.solid is None
+
+    @property
+    def _kind(self) -> str:
+        return type(self.geometry).__name__
+
+    @property
     def is_exact(self) -> bool:
         """Whether coal reads the triangles of a mesh."""
         return isinstance(self.geometry, coal.BVHModelBase)
@@ -235,7 +249,7 @@ class Body:
 
     def content(self) -> bytes:
         """Return all data on which verdicts depend, for a hash; name and colour are not included."""
-        parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.level)).encode(), self.box.tobytes()]
+        parts = [repr((self._kind, self.owner, self.link, self.level)).encode(), self.box.tobytes()]
         parts.append(matrix(self.link_from_body).tobytes())
         if self.support is not None:
             s = self.support
@@ -256,7 +270,7 @@ class BoxBody(Body):
     """A box as an obstacle, of which coal's shape, corners and support function are made on first access."""
 
     shape: Box
-    link, _read = None, 0
+    link, is_exact, _kind, _read = None, False, "Box", 0
 
     @cached_property
     def _made(self) -> Made:
@@ -265,7 +279,6 @@ class BoxBody(Body):
     geometry = cached_property(lambda self: self._made[0])
     box = cached_property(lambda self: self._made[1])
     support = cached_property(lambda self: self._made[2])
-    is_exact = False
 
 
 def make_boxes(obstacles: Iterable[Obstacle]) -> None:
@@ -301,9 +314,36 @@ def one_inside_other(one: Body, at: pin.SE3, other: Body, other_at: pin.SE3) -> 
     return one.contains_part_of(other, at.actInv(other_at)) or other.contains_part_of(one, other_at.actInv(at))
 
 
+class CellsBody(Body):
+    """An obstacle of so many boxes that they are one body, of which coal's triangles are made on first access."""
+
+    solid: Cells
+    link, support, is_exact, _kind, _read = None, None, False, "cells", 0
+
+    @cached_property
+    def geometry(self) -> Any:
+        """The triangles of all boxes, for coal."""
+        corners = self.solid.surface.reshape(-1, 3)
+        return bvh(corners, np.arange(len(corners)).reshape(-1, 3))
+
+    core_shape = cached_property(lambda self: self.solid.core_shape)
+
+    def as_mesh(self) -> Body:
+        """Return the same with the triangles of its boxes, for proofs that need facets."""
+        at, box = self.link_from_body, self.box
+        return Body(self.name, self.owner, None, self.geometry, at, box, None, self.solid, self.remark)
+
+
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
     """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces, or for cells."""
     if isinstance(shape, PointCloud | OccupancyGrid):
+        if link is None and len(boxes := Cells.of(shape).boxes) > MOST_BOXES:
+            body = object.__new__(CellsBody)
+            box = np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+            at, cells = frozen(link_from_body), Cells.of(shape)
+            values = {"name": name, "owner": name, "link_from_body": at, "box": box, "solid": cells}
+            body.__dict__.update(values, remark=_remark(shape, None))
+            return [body]
         # The boxes that together are the occupied cells.
         low, high = merged_boxes(shape)
         middles, halves = (low + high) / 2, (high - low) / 2
@@ -534,8 +574,8 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
     ),
     ConvexHull: lambda s: _hull(np.asarray(s.points), "the convex hull"),
     Mesh: lambda s: _unmodified(*_stamped(s)),
-    PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells(s)),
-    OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells(s)),
+    PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),
+    OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),
     HeightMap: lambda s: (*_surface(*ground_surface(s)), Ground(s)),
 }
 """The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

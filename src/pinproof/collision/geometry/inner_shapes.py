@@ -13,6 +13,7 @@ import numpy as np
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
 from pinproof.collision.geometry.hulls import Solid, winding_number, with_area
+from pinproof.collision.geometry.surfaces import Cells
 from pinproof.spatial import Array
 
 MOST_BALLS = 24
@@ -63,7 +64,7 @@ _KEPT: dict[bytes, InnerShapes] = {}
 def inner_shapes(body: Body) -> InnerShapes:
     """Return shapes inside a body; none if its volume is only known approximately, as for the hull of a link's mesh."""
     none = InnerShapes(np.empty((0, 4)), np.empty((0, 3)), np.zeros(3), None, 0.0)
-    if isinstance(body.geometry, coal.Halfspace):
+    if body.is_half_space:
         return none._replace(box_centre=np.array([0.0, 0.0, -HUGE]), box_half=np.full(3, HUGE))
     if body.support is not None and body.link is not None and body.file is not None:
         return none
@@ -79,6 +80,14 @@ def inner_shapes(body: Body) -> InnerShapes:
             shapes = shapes._replace(corners=_far_apart(extremes(body.support)))
         if isinstance(body.geometry, coal.Box):
             shapes = shapes._replace(box_half=body.box[1] - less)
+    elif isinstance(body.solid, Cells):
+        # Of many boxes, those with the largest balls, and the largest one.
+        low, high = np.moveaxis(body.solid.boxes, 1, 0)
+        centres, halves = (low + high) / 2, (high - low) / 2
+        box = int(halves.prod(axis=1).argmax())
+        shapes = InnerShapes(
+            _spread(centres, halves.min(axis=1), ROUNDING), centres[[box]], centres[box], halves[box] - ROUNDING, 0.0
+        )
     elif isinstance(body.solid, Solid) and body.solid.watertight:
         corners = body.solid.corners
         # A point behind the planes of all triangles is inside, since every triangle adds to its winding number; its

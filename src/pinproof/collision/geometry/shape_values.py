@@ -61,6 +61,10 @@ def point_array(name: str, value: npt.ArrayLike) -> Array:
     return array
 
 
+CELLS = "_cells"
+"""The attribute of a shape of cells that keeps them as the core uses them."""
+
+
 class ByContent:
     """Equality, hash and a short ``repr`` for frozen dataclasses that hold arrays."""
 
@@ -72,6 +76,9 @@ class ByContent:
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._contents())})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != CELLS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():

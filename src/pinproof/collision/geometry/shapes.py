@@ -207,7 +207,8 @@ class PointCloud(ByContent):
         measured = self.points[np.isfinite(self.points).all(axis=1)]
         object.__setattr__(self, "_dropped", len(self.points) - len(measured))
         object.__setattr__(self, "points", coordinates("PointCloud.points", measured, (None, 3)))
-        if not (np.abs(self.cells) < GRID_CELLS - 1).all():
+        ends = np.array([self.points.min(axis=0), self.points.max(axis=0)])
+        if not (np.abs(np.floor(ends / self.resolution)) < GRID_CELLS - 1).all():
             far = float(np.abs(self.points).max())
             least = f"points {far:g} m from the origin need cells of {far / (GRID_CELLS - 2):.2g} m or more"
             raise InputError(f"PointCloud.resolution = {self.resolution:g}; {least}")
@@ -220,13 +221,21 @@ class PointCloud(ByContent):
     @property
     def cells(self) -> npt.NDArray[np.int64]:
         """(K, 3) the occupied cells without repetition: cell c is the cube from c to c + 1, times the resolution."""
-        cells = np.floor(self.points / self.resolution).astype(np.int64)
-        return cells[np.unique(cell_numbers(cells), return_index=True)[1]]  # 50 times as fast as sorting rows of three
+        numbers = np.unique(cell_numbers(np.floor(self.points / self.resolution).astype(np.int64)))
+        return cells_numbered(numbers)  # 50 times as fast as sorting rows of three
 
 
 def cell_numbers(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return one number for each of the cells (K, 3), unique for less than :data:`GRID_CELLS` cells off the origin."""
     return np.asarray((cells[:, 0] * 2 * GRID_CELLS + cells[:, 1]) * 2 * GRID_CELLS + cells[:, 2])
+
+
+def cells_numbered(numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the cells (K, 3) with these numbers."""
+    number = numbers + (GRID_CELLS * 2 * GRID_CELLS + GRID_CELLS)
+    first, z = np.divmod(number, 2 * GRID_CELLS)
+    x, y = np.divmod(first, 2 * GRID_CELLS)
+    return np.stack([x, y - GRID_CELLS, z - GRID_CELLS], axis=1)
 
 
 @named_arguments

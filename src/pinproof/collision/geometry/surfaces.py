@@ -7,16 +7,20 @@ beyond their sixteen levels are dropped.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import permutations
-from typing import ClassVar
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import permutations, product
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.geometry.hulls import Indices, connected_parts
+from pinproof._core import Shape as CoreShape
+from pinproof.collision.geometry.hulls import Indices
 from pinproof.collision.geometry.occupancy import OccupancyGrid
-from pinproof.collision.geometry.shapes import GRID_CELLS, HeightMap, PointCloud, cell_numbers
+from pinproof.collision.geometry.shape_values import CELLS
+from pinproof.collision.geometry.shapes import HeightMap, PointCloud, cell_numbers
 from pinproof.spatial import Array
 
 CellShape = PointCloud | OccupancyGrid
@@ -94,11 +98,25 @@ def _ridge_ac(heights: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(heights[:-1, :-1] + heights[1:, 1:] >= heights[:-1, 1:] + heights[1:, :-1])
 
 
-def cells_of(shape: CellShape) -> tuple[Indices, float]:
-    """Return the occupied cells (K, 3) of a point cloud or grid, and their side (m)."""
+def _side(shape: CellShape) -> float:
+    return shape.resolution if isinstance(shape, PointCloud) else shape.voxel
+
+
+def _rows(shape: CellShape, axis: int = 2) -> tuple[Indices, Indices]:
+    """Return lower and upper corners (N, 3), in cells: of the cells of a point cloud, of the rows of a grid."""
     if isinstance(shape, PointCloud):
-        return shape.cells, shape.resolution
-    return np.argwhere(shape.occupied) + np.array(shape.low), shape.voxel
+        return shape.cells, shape.cells + 1
+    # The rows of a grid are found without a list of its cells: they begin and end where the occupancy changes.
+    along, others = np.moveaxis(shape.occupied, axis, 2), [other for other in range(3) if other != axis]
+    padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
+    padded[:, :, 1:-1] = along
+    change = np.diff(padded, axis=2)
+    first, end = np.argwhere(change == 1), np.argwhere(change == -1)
+    low = np.empty_like(first)
+    low[:, [*others, axis]] = first
+    high = low + 1
+    high[:, axis] = end[:, 2]
+    return low + shape.low, high + shape.low
 
 
 def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
@@ -106,7 +124,6 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
 
     Faces in a row are joined, so that a wall consists of a few long strips.
     """
-    side_length = shape.resolution if isinstance(shape, PointCloud) else shape.voxel
     quads: list[Array] = []
     for axis in range(3):
         along, across = (axis + 1) % 3, (axis + 2) % 3
@@ -138,7 +155,7 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
     corners = np.concatenate([np.empty((0, 4, 3)), *quads])
     four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
-    return corners.reshape(-1, 3) * side_length, triangles
+    return corners.reshape(-1, 3) * _side(shape), triangles
 
 
 def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
@@ -152,22 +169,11 @@ def merged_boxes(shape: CellShape) -> tuple[Array, Array]:
     """Return lower and upper corners (N, 3), in metres, of the boxes that together are the occupied cells."""
     if isinstance(shape, PointCloud):
         low, high = merged_cells(shape.cells)
-        return np.asarray(low * shape.resolution), np.asarray(high * shape.resolution)
-    # The rows of a grid are found without a list of its cells: they begin and end where the occupancy changes.
-    orders = []
-    for axis in range(3):
-        along, others = np.moveaxis(shape.occupied, axis, 2), [other for other in range(3) if other != axis]
-        padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
-        padded[:, :, 1:-1] = along
-        change = np.diff(padded, axis=2)
-        first, end = np.argwhere(change == 1), np.argwhere(change == -1)
-        low = np.empty_like(first)
-        low[:, [*others, axis]] = first
-        high = low + 1
-        high[:, axis] = end[:, 2]
-        orders += [_joined(low, high, order) for order in permutations(others)]
-    low, high = min(orders, key=lambda boxes: len(boxes[0]))
-    return np.asarray((low + shape.low) * shape.voxel), np.asarray((high + shape.low) * shape.voxel)
+    else:
+        rows = [(_rows(shape, axis), [other for other in range(3) if other != axis]) for axis in range(3)]
+        orders = (_joined(*ends, order) for ends, others in rows for order in permutations(others))
+        low, high = min(orders, key=lambda boxes: len(boxes[0]))
+    return np.asarray(low * _side(shape)), np.asarray(high * _side(shape))
 
 
 def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
@@ -182,46 +188,60 @@ def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indice
     return low, high
 
 
-@dataclass(frozen=True, eq=False)
 class Cells:
-    """The volume of occupied cells (K, 3) of a side (m); ``witnesses`` (W, 3) are in one cell of each part."""
+    """The volume of the occupied cells of a shape: a tree of boxes in the core, which shapes keep."""
 
-    watertight: ClassVar[bool] = True
-    shape: CellShape
-    cells: Indices = field(init=False)
-    resolution: float = field(init=False)
-    witnesses: Array = field(init=False)
-    _keys: Indices = field(init=False, repr=False)
+    watertight = True
 
-    def __post_init__(self) -> None:
-        cells, resolution = cells_of(self.shape)
-        object.__setattr__(self, "cells", cells)
-        object.__setattr__(self, "resolution", resolution)
-        keys = cell_numbers(self.cells)
-        object.__setattr__(self, "_keys", np.sort(keys))
-        # Cells that share a face are connected; the first cell of each connected part is its witness.
-        order, joined = np.argsort(keys), []
-        for axis in range(3):
-            beside = cell_numbers(self.cells + np.eye(3, dtype=np.int64)[axis])
-            place = np.minimum(np.searchsorted(keys[order], beside), len(keys) - 1)
-            there = keys[order][place] == beside
-            joined.append(np.stack([np.flatnonzero(there), order[place[there]]]))
-        labels = connected_parts(len(keys), *np.concatenate(joined, axis=1))
-        first = np.unique(labels, return_index=True)[1]
-        object.__setattr__(self, "witnesses", (self.cells[first] + 0.5) * self.resolution)
+    def __init__(self, shape: CellShape) -> None:
+        self.shape = shape
+
+    @classmethod
+    def of(cls, shape: CellShape) -> Cells:
+        """Return the cells of a shape, which are made once."""
+        if CELLS not in shape.__dict__:
+            object.__setattr__(shape, CELLS, cls(shape))
+        made: Cells = shape.__dict__[CELLS]
+        return made
+
+    @cached_property
+    def core_shape(self) -> CoreShape:
+        """The cells as the compiled core uses them."""
+        low, high = _rows(self.shape)
+        return CoreShape.cells(low, high, _side(self.shape))
+
+    @property
+    def boxes(self) -> Array:
+        """(B, 2, 3) lower and upper corner of the boxes to which cells are joined; none if no cell is occupied."""
+        if isinstance(self.shape, OccupancyGrid) and not self.shape.occupied.any():
+            return np.empty((0, 2, 3))
+        centres, halves = np.moveaxis(self.core_shape.boxes, 1, 0)
+        return np.stack([centres - halves, centres + halves], axis=1)
 
     @property
     def surface(self) -> Array:
-        """(F, 3, 3) the triangles between full and empty cells, counter-clockwise seen from outside."""
-        vertices, triangles = cell_faces(self.shape)
-        return np.asarray(vertices[triangles])
+        """(F, 3, 3) the triangles of all boxes, counter-clockwise seen from outside."""
+        corners = np.array(list(product((0, 1), repeat=3)))
+        return np.asarray(self.boxes[:, corners, np.arange(3)][:, BOX_FACES].reshape(-1, 3, 3))
+
+    @property
+    def witnesses(self) -> Array:
+        """(B, 3) a point of each box."""
+        return np.ascontiguousarray(self.core_shape.boxes[:, 0])
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3) lies in an occupied cell."""
-        cells = np.floor(points / self.resolution)
-        cells = cells[(np.abs(cells) < GRID_CELLS).all(axis=1)].astype(np.int64)
-        return bool(np.isin(cell_numbers(cells), self._keys).any())
+        return bool(self.core_shape.contains(np.ascontiguousarray(points)).any())
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""
-        return self.cells.tobytes() + np.float64(self.resolution).tobytes()
+        return hashlib.sha256(self.core_shape.boxes.tobytes()).digest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"shape": self.shape}
+
+
+BOX_FACES = np.array(
+    [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3]
+)
+"""The triangles of a box, whose corner 4 i + 2 j + k is the upper one along x, y, z if i, j, k is 1."""

@@ -1,0 +1,162 @@
+#include "collision/cells.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace pinproof {
+namespace {
+
+constexpr std::size_t kLeafBoxes = 4;
+
+// Boxes of nodes are enlarged by this share of the largest coordinate, against rounding.
+constexpr double kBoxRounding = 1e-15;
+
+constexpr double kFar = std::numeric_limits<double>::infinity();
+
+// Cells from `low` up to, but without, `high`.
+struct CellRange {
+    std::array<std::int64_t, 3> low, high;
+};
+
+// Join ranges that follow each other along an axis and have the same ends along the two others.
+void join_along(std::vector<CellRange>& ranges, int axis) {
+    const int u = (axis + 1) % 3, v = (axis + 2) % 3;
+    const auto ends = [&](const CellRange& r) {
+        return std::array{r.low[u], r.low[v], r.high[u], r.high[v], r.low[axis]};
+    };
+    std::ranges::sort(ranges, {}, ends);
+    std::size_t last = 0;
+    for (std::size_t i = 1; i < ranges.size(); ++i) {
+        CellRange& before = ranges[last];
+        const CellRange& next = ranges[i];
+        if (next.low[axis] == before.high[axis] && next.low[u] == before.low[u] && next.low[v] == before.low[v] &&
+            next.high[u] == before.high[u] && next.high[v] == before.high[v])
+            before.high[axis] = next.high[axis];
+        else
+            ranges[++last] = next;
+    }
+    ranges.resize(last + 1);
+}
+
+// Append the node of some boxes and all nodes within it. They are halved along the longest side of their centres.
+void add_nodes(CellTree& tree, std::span<CellBox> boxes, std::size_t first, double enlarged) {
+    const std::size_t here = tree.nodes.size();
+    Vec3 low = boxes[0].centre - boxes[0].half, high = boxes[0].centre + boxes[0].half;
+    Vec3 least = boxes[0].centre, most = least;
+    for (const CellBox& box : boxes)
+        for (int i = 0; i < 3; ++i) {
+            low[i] = std::min(low[i], box.centre[i] - box.half[i]);
+            high[i] = std::max(high[i], box.centre[i] + box.half[i]);
+            least[i] = std::min(least[i], box.centre[i]);
+            most[i] = std::max(most[i], box.centre[i]);
+        }
+    tree.nodes.push_back({0.5 * (low + high), 0.5 * (high - low) + Vec3{enlarged, enlarged, enlarged}});
+    if (boxes.size() <= kLeafBoxes) {
+        tree.nodes[here].first = static_cast<std::int32_t>(first);
+        tree.nodes[here].count = static_cast<std::int32_t>(boxes.size());
+        return;
+    }
+    const Vec3 width = most - least;
+    const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
+    const std::size_t half = boxes.size() / 2;
+    std::ranges::nth_element(boxes, boxes.begin() + static_cast<std::ptrdiff_t>(half), [&](auto& a, auto& b) {
+        for (int i : {longest, (longest + 1) % 3, (longest + 2) % 3})  // a total order: every library builds this tree
+            if (a.centre[i] != b.centre[i]) return a.centre[i] < b.centre[i];
+        return false;
+    });
+    add_nodes(tree, boxes.first(half), first, enlarged);
+    tree.nodes[here].second_child = static_cast<std::int32_t>(tree.nodes.size());
+    add_nodes(tree, boxes.subspan(half), first + half, enlarged);
+}
+
+}  // namespace
+
+CellTree::CellTree(std::span<const std::int64_t> low, std::span<const std::int64_t> high, double side) {
+    std::vector<CellRange> ranges(low.size() / 3);
+    for (std::size_t i = 0; i < low.size(); ++i) {
+        ranges[i / 3].low[i % 3] = low[i];
+        ranges[i / 3].high[i % 3] = high[i];
+    }
+    for (int axis : {2, 1, 0}) join_along(ranges, axis);
+    boxes.reserve(ranges.size());
+    double largest = 0.0;
+    for (const CellRange& range : ranges) {
+        const auto corner = [&](const std::array<std::int64_t, 3>& at) {
+            return Vec3{static_cast<double>(at[0]) * side, static_cast<double>(at[1]) * side,
+                        static_cast<double>(at[2]) * side};
+        };
+        const Vec3 least = corner(range.low), most = corner(range.high);
+        boxes.push_back({0.5 * (least + most), 0.5 * (most - least)});
+        largest = std::max({largest, size_1(least), size_1(most)});
+    }
+    nodes.reserve(boxes.size());
+    add_nodes(*this, boxes, 0, kBoxRounding * largest);
+}
+
+bool CellTree::contains(const Vec3& point) const {
+    std::vector<std::int32_t> stack{0};
+    const auto within = [&](const Vec3& centre, const Vec3& half) { return !(point_to_box(point - centre, half) > 0.0); };
+    while (!stack.empty()) {
+        const std::int32_t row = stack.back();
+        stack.pop_back();
+        const CellNode& node = nodes[row];
+        if (!within(node.centre, node.half)) continue;
+        if (node.count == 0) stack.insert(stack.end(), {node.second_child, row + 1});
+        for (std::int32_t i = node.first; i < node.first + node.count; ++i)
+            if (within(boxes[i].centre, boxes[i].half)) return true;
+    }
+    return false;
+}
+
+Shape shape_of(const CellBox& box) {
+    Shape shape;
+    shape.is_box = true;
+    shape.corners_centre = shape.centre = box.centre;
+    shape.corners_half = shape.half = box.half;
+    shape.ball = norm(box.half);
+    return shape;
+}
+
+DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transform& a_from_b,
+                                   const DistanceQuery& query, Separation& separation) {
+    const CellTree& tree = *b.cells;
+    const BesideCells beside(a, a_from_b);
+    DistanceBounds bounds{kFar, kFar};
+    const auto enough = [&] {
+        if (!(bounds.upper < kFar)) return query.above;
+        const double precision = std::max(query.precision, query.share * (bounds.upper - query.below));
+        return std::min(query.above, bounds.upper - precision);
+    };
+    const auto measure = [&](std::int32_t i, Separation& of_box) {
+        DistanceQuery closer = query;
+        closer.above = std::min(query.above, bounds.upper);
+        const DistanceBounds found = bound_distance(a, shape_of(tree.boxes[i]), a_from_b, closer, of_box);
+        bounds.lower = std::min(bounds.lower, found.lower);
+        const bool best = found.upper < bounds.upper;
+        if (best) bounds.upper = found.upper;
+        return best;
+    };
+    const auto decided = [&] { return bounds.upper <= query.below || !(bounds.lower > -kFar); };
+    // The box that was closest in an earlier query most often still is.
+    const std::int32_t earlier = separation.of_b >= 0 && separation.of_b < static_cast<int>(tree.boxes.size())
+                                     ? separation.of_b : -1;
+    if (earlier >= 0) measure(earlier, separation);
+    else separation.simplex.size = 0;
+    bool ended = decided();
+    visit_cells(
+        tree, beside, enough,
+        [&](std::int32_t i) {
+            if (ended || i == earlier) return ended;
+            Separation of_box;
+            of_box.direction = a_from_b * tree.boxes[i].centre - a.centre;
+            of_box.of_b = i;
+            if (measure(i, of_box) || separation.of_b < 0) separation = of_box;
+            return ended = decided();
+        },
+        [&](double gap) { bounds.lower = std::min(bounds.lower, gap); });
+    return bounds;
+}
+
+}  // namespace pinproof

@@ -113,6 +113,13 @@ void bind_shapes(nb::module_& module) {
                         for (const Vec3& p : triangle.corners) numbers.insert(numbers.end(), {p.x, p.y, p.z});
                 return rows_of(numbers, 9);
             }, "(F, 9) the triangles of a mesh in the order in which the core numbers them.")
+        .def_prop_ro("triangles", [](const Shape& shape) {
+                const std::size_t count = shape.mesh ? shape.mesh->triangles.size() : 0;
+                return filled<double>({count, 3, 3}, [&](double* out) {
+                    for (std::size_t i = 0; i < 3 * count; ++i)
+                        for (int k = 0; k < 3; ++k) *out++ = shape.mesh->triangles[i / 3].corners[i % 3][k];
+                });
+            }, "(F, 3, 3) the triangles of a mesh, in the order of its tree: each half of them is close together.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     module.def("separating_directions", &separating_directions, "a"_a, "b"_a, "root_from_a"_a, "root_from_b"_a,

@@ -594,7 +594,8 @@ def _shape(body: Body) -> Any:
     if body.is_half_space:
         return "half_space"
     if body.solid is not None:
-        corners = _in_tree_order(body.solid.surface)
+        ordered = body.core_shape.triangles  # many boxes are no triangles in the core
+        corners = ordered if len(ordered) else body.solid.surface
         vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
         triangles = index.reshape(-1, 3).tolist()
         return {"vertices": vertices.tolist(), "triangles": triangles, "solid": body.solid.watertight}
@@ -602,21 +603,6 @@ def _shape(body: Body) -> Any:
         return None
     parts = (s.points.tolist(), s.disc_radii.tolist(), float(s.radius), s.semi_axes.tolist())
     return dict(zip(SHAPE.names, parts, strict=True))
-
-
-def _in_tree_order(corners: Array) -> Array:
-    """Return triangles (F, 3, 3) in an order in which each half, quarter and so on of them is close together.
-
-    A range is divided in its middle, which is the median along the longest side of the box around the centres.
-    """
-    centres, order, begins = corners.sum(axis=1), np.arange(len(corners)), np.array([0])
-    while (sizes := np.diff(begins, append=len(order))).max() > 1:
-        group = np.repeat(np.arange(len(begins)), sizes)
-        low, high = (side.reduceat(centres[order], begins, axis=0) for side in (np.minimum, np.maximum))
-        along = centres[order, (high - low).argmax(axis=1)[group]]
-        order = order[np.lexsort([along, group])]
-        begins = np.unique([begins, begins + sizes // 2])
-    return np.asarray(corners[order])
 
 
 def _placed(place: pin.SE3) -> list[list[float]]:

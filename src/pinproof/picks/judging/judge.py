@@ -201,8 +201,10 @@ class BestFirst:
         while self.made < self._budget.compared:
             # The next step: the best open attempt, or a configuration whose lines are not planned yet. In a trial, any
             # complete motion is sufficient, so open attempts come first
-            while self._open and self._open[0].key[1] in self._stuck:
+            while self._open and self._is_hopeless(self._open[0].key[1]):
                 heapq.heappop(self._open)
+            while self._next < len(self._order) and self._is_hopeless(self._order[self._next]):
+                self._next += 1
             key, best = self._open[0].key if self._open else None, self.best
             more = self._next < len(self._order) and len(self.attempts) < self._budget.configurations
             if more and (key is None or self._task.cell.trial is None):
@@ -312,6 +314,10 @@ class BestFirst:
         key = (-parts["score"], *here.key[1:])
         self.motions.append(CompleteMotion(here.attempt, stages, here.crossing.path, placing, parts, key))
         self.made += 1
+
+    def _is_hopeless(self, index: int) -> bool:
+        """Whether no motion through a configuration is possible, which is known from others."""
+        return index in self._stuck or self._placer.cannot_place(self._candidates[index].member)
 
     def _stop(self, key: Key, stages: tuple[StageResult, ...]) -> None:
         """Record a failure, which also excludes the other full rotations of the attempt."""

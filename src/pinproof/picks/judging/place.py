@@ -189,6 +189,12 @@ class Placer:
         free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
         return any(not self.lines(member, index, task.place).why for index in free)
 
+    def cannot_place(self, member: Member) -> bool:
+        """Whether the lines of every release of a family member are known to be impossible."""
+        count = len(self.releases(member))
+        known = (self.kept.get(("lines", member.words, k, self.task.place)) for k in range(count))
+        return count > 0 and all(down is not None and down.why for down in known)
+
     @once_per_grasp
     def lines(self, member: Member, index: int, place: PlaceTarget) -> Release:
         """The lines of one of the releases."""

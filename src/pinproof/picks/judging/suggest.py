@@ -25,6 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision import CollisionChecker
 from pinproof.common.steps import step
 from pinproof.ik import Clik
 from pinproof.motion import read_only
@@ -36,6 +37,8 @@ from pinproof.picks.judging.verdict import SUGGESTIONS, PickVerdict, Stage, Stag
 from pinproof.spatial import SE3, Array, rotation_about, translated
 
 Vector = tuple[float, float, float]
+
+Indices = npt.NDArray[np.int64]
 
 UP: Vector = (0.0, 0.0, 1.0)
 
@@ -448,43 +451,56 @@ def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = Fals
     changed (``of_place``), the grasp is not checked.
     """
     home = task.cell.home
+    tasks = {change: task if change.displacement else PickTask(change.pick, task.cell) for change in candidates}
     if not of_place:
-        owner, targets = _poses_of(task, candidates, "grasp")
+        owner, targets = _poses_of(task, tasks, "grasp")
         fractions = FRACTIONS if task.cell.closed_form and task.pick.approach > 0 else ()
         left = np.arange(len(owner))
         for fraction in (0.0, *fractions):
             if len(left):
                 row, q = configurations(task.arm, targets(fraction)[left], home, 0)
-                left = left[np.unique(row[task.at_grasp.is_free_batch(q)])]
-        candidates = [candidates[i] for i in sorted(set(owner[left].tolist()))]
+                left = left[_rows_with_a_free(task.at_grasp, row, q)]
+        kept = set(owner[left].tolist())
+        tasks = {change: other for i, (change, other) in enumerate(tasks.items()) if i in kept}
     if task.place is None:
-        return candidates
-    owner, targets = _poses_of(task, candidates, "release")
+        return list(tasks)
+    owner, targets = _poses_of(task, tasks, "release")
     row, _ = configurations(task.arm, targets(0.0), home, 0)
-    return [candidates[i] for i in sorted(set(owner[row].tolist()))]
+    return [candidate for i, candidate in enumerate(tasks) if i in set(owner[row].tolist())]
+
+
+def _rows_with_a_free(checker: CollisionChecker, row: Indices, q: Array) -> Indices:
+    """The rows with a free configuration, of q (k, n) with ascending rows (k,); of a row, few are checked at first."""
+    rows, start, count = np.unique(row, return_index=True, return_counts=True)
+    group, place = np.repeat(np.arange(len(rows)), count), np.arange(len(row)) - np.repeat(start, count)
+    free, begin, size = np.zeros(len(rows), dtype=bool), 0, 1
+    while (left := ~free[group] & (place >= begin)).any():
+        tried = np.flatnonzero(left & (place < begin + size))
+        free[group[tried[checker.is_free_batch(q[tried])]]] = True
+        begin, size = begin + size, 2 * size
+    return np.asarray(rows[free])
 
 
 def _poses_of(
-    task: PickTask, candidates: list[Change], which: Literal["grasp", "release"]
-) -> tuple[npt.NDArray[np.int64], Callable[[float], Array]]:
-    """The poses of the tip at the grasps or releases of candidates.
+    task: PickTask, changed: dict[Change, PickTask], which: Literal["grasp", "release"]
+) -> tuple[Indices, Callable[[float], Array]]:
+    """The poses of the tip at the grasps or releases of candidates, each with its task, or the stated one if it shifts.
 
     Returns the index (N,) of the candidate of each pose, and a function that gives (N, 4, 4) ``base_from_tcp`` at a
-    share of the approach before each of them. The changed pick is only made where more than the position changes.
+    share of the approach before each of them.
     """
-    changed = [task if change.displacement else PickTask(change.pick, task.cell) for change in candidates]
-    owner = np.repeat(np.arange(len(candidates)), [len(other.nearest_group) for other in changed])
+    owner = np.repeat(np.arange(len(changed)), [len(other.nearest_group) for other in changed.values()])
     rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
-    moves = [change.displacement[which == "release"] if change.displacement else still for change in candidates]
+    moves = [change.displacement[which == "release"] if change.displacement else still for change in changed]
     by = np.array([rotation @ move for move in moves]).reshape(-1, 3)[owner]
 
     def targets(share: float) -> Array:
         stated: dict[PickTask, Array] = {}
-        for other in dict.fromkeys(changed):
+        for other in dict.fromkeys(changed.values()):
             tip = other.grasp if which == "grasp" else other.release
             poses = [other.pick.before(tip(member), share) for member in other.nearest_group]
             stated[other] = other.targets(poses)
-        found = np.concatenate([np.empty((0, 4, 4)), *(stated[other] for other in changed)])
+        found = np.concatenate([np.empty((0, 4, 4)), *(stated[other] for other in changed.values())])
         found[:, :3, 3] += by
         return found
 

@@ -63,6 +63,8 @@ class PickCell:
     """The first :data:`GRIPS_KEPT` different grips that were judged."""
     depths: dict[Hashable, tuple[BodyDepth, ...]] = field(default_factory=dict, init=False, repr=False)
     """The depths of the bodies of the hand of the first :data:`GRIPS_KEPT` different grips."""
+    surfaces: dict[str, LineSurface] = field(default_factory=dict, init=False, repr=False)
+    """The surfaces of the obstacles of the scene that were picked."""
     _trials: dict[Stage, PickCell] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -404,7 +406,10 @@ class PickTask:
         carried = self.pick.carried
         if carried is None:
             raise InputError(f"pick {self.pick.name!r} states no object")
-        return LineSurface.of_obstacle(self.scene[carried] if isinstance(carried, str) else carried)
+        if isinstance(carried, Obstacle):
+            return LineSurface.of_obstacle(carried)
+        known = self.cell.surfaces
+        return known.setdefault(carried, known.get(carried) or LineSurface.of_obstacle(self.scene[carried]))
 
     def holding(self, member: Member) -> Obstacle:
         """The held object; its pose is ``tcp_from_object``."""

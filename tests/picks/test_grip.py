@@ -8,11 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.optimize import linprog
 
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import GripLimits, GripperFingers, PickBudget, PickSetup, PlaceTarget, Stage, SuctionCup
-from pinproof.picks.judging.grip import HeldPart, grip_by_cup
+from pinproof.picks.judging import grip
+from pinproof.picks.judging.grip import HeldPart, balanced, grip_by_cup
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import StageResult
@@ -177,15 +179,44 @@ def test_no_configuration_holds_a_part_if_the_closed_hand_collides_with_itself(c
     cell = PickSetup.make(arm, pp.Scene([CUBE]), picks, home=None, rng=0).cell
     assert (cell.closed_contact is None) is apart
     task = PickTask(pp.Pick("cube", pp.pose((0.0, 0.0, 0.2)), carried="cube"), cell)
-    grip = task.grip(task.nearest_group[0])
+    held = task.grip(task.nearest_group[0])
     if apart:
-        assert "cannot be closed" not in grip.message
+        assert "cannot be closed" not in held.message
         return
-    assert (grip.held, grip.proven) == (False, True)
-    assert {"jaw", "pad"} <= set(grip.message.split())
+    assert (held.held, held.proven) == (False, True)
+    assert {"jaw", "pad"} <= set(held.message.split())
     # Another position of the pick changes nothing about the hand
-    failed = StageResult(Stage.GRIP, False, grip.message)
+    failed = StageResult(Stage.GRIP, False, held.message)
     assert suggest(task, task.pick, failed, None, lambda pick: pytest.fail(f"{pick} was judged")) == ()
+
+
+def test_forces_balance_where_a_linear_program_has_a_solution() -> None:
+    rng, compared, balancing = np.random.default_rng(0), 0, 0
+    for _ in range(200):
+        main, patches = rng.normal(size=3), []
+        for k in range(rng.integers(2, 4)):
+            normal = (main if k % 2 else -main) / np.linalg.norm(main)
+            normal = normal + rng.normal(0, rng.choice([0.0, 0.05, 0.3, 0.6]), 3)
+            normal /= np.linalg.norm(normal)
+            across = np.linalg.svd(normal[None])[2][1:]
+            centre = -0.015 * rng.uniform(0.5, 1.5) * normal + rng.normal(0, rng.choice([0.0, 0.002, 0.01]), 3)
+            points = rng.uniform(-1, 1, (rng.integers(1, 40), 2)) @ across * rng.choice([0.001, 0.01])
+            patches.append((centre + points, normal))
+        angle = rng.choice([0.1, 0.46, 0.8])
+        expected = []
+
+        def program(system: np.ndarray, wanted: np.ndarray, expected: list[bool] = expected) -> bool:
+            answer = linprog(np.zeros(system.shape[1]), A_eq=system, b_eq=wanted, bounds=(0, None), method="highs")
+            expected.append(answer.status == 0)
+            return expected[-1]
+
+        with pytest.MonkeyPatch.context() as patch:
+            found = balanced(patches, angle)
+            patch.setattr(grip, "_has_solution", program)
+            balanced(patches, angle)
+        assert expected == [found]
+        compared, balancing = compared + 1, balancing + found
+    assert 20 < balancing < compared - 20
 
 
 @pytest.mark.parametrize("kind", ["box", "channel"])

@@ -58,6 +58,12 @@ CONE_EDGES = 16
 AREA_DIGITS = 12
 """Areas (m^2) that are equal when rounded to this decimal are equal: rounding decides the order of no two fingers."""
 
+BALANCE_TOLERANCE = 1e-7
+"""The sum of forces and torques may differ from zero by this share of the forces along the normals."""
+
+MOST_EXCHANGES, VANISHED = 500, 1e-15
+"""Largest number of forces that are taken into a balance, of which 10 to 30 are usual, and a share that counts as 0."""
+
 SAME_PLACE = 1e-7
 """Metres: contacts closer to each other than this are considered coincident."""
 
@@ -68,8 +74,6 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     Each patch has its points (N, 3) in metres and the unit normal (3,) in which the finger presses; ``angle`` (rad) is
     the half angle of the cones.
     """
-    from scipy.optimize import linprog
-
     # The edges of the friction cones at the outermost points of each patch
     points, forces, normals = [], [], []
     for touched, normal in patches:
@@ -86,10 +90,37 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     size = max(float(np.linalg.norm(at - centre, axis=1).max()), SAME_PLACE)
     torque = np.cross((at - centre) / size, force)
     balance = np.concatenate([force.T, torque.T, np.concatenate(normals)[None]])
-    answer = linprog(
-        np.zeros(len(at)), A_eq=balance, b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs"
-    )
-    return bool(answer.status == 0)
+    return _has_solution(balance, np.array([0.0] * 6 + [1.0]))
+
+
+def _has_solution(system: Array, wanted: Array) -> bool:
+    """Whether a combination of the columns (m, k) with shares of 0 or more is the wanted vector (m,).
+
+    Source: C. Lawson, R. Hanson, "Solving least squares problems" (1974), chapter 23 (algorithm NNLS).
+    """
+    shares, used = np.zeros(system.shape[1]), np.zeros(system.shape[1], dtype=bool)
+    for _ in range(MOST_EXCHANGES):
+        left = wanted - system @ shares
+        if np.linalg.norm(left) <= BALANCE_TOLERANCE:
+            return True
+        # The column that reduces the rest most is used too; without any, the rest is the smallest possible
+        gain = np.where(used, -np.inf, left @ system)
+        if gain.max() <= BALANCE_TOLERANCE * float(np.linalg.norm(left)):
+            return False
+        used[gain.argmax()] = True
+        while True:
+            rows = np.flatnonzero(used)
+            best = np.linalg.lstsq(system[:, rows], wanted, rcond=None)[0]
+            if (best > 0.0).all():
+                shares[rows] = best
+                break
+            # As far towards the best shares as all remain positive, and without those that become 0
+            shrink = best <= 0.0
+            step = (shares[rows] / np.maximum(shares[rows] - best, np.finfo(float).tiny))[shrink].min()
+            shares[rows] += step * (best - shares[rows])
+            used[rows[shrink & (shares[rows] <= VANISHED)]] = False
+            shares[~used] = 0.0
+    return False
 
 
 def _cone(normal: Array, angle: float) -> Array:

@@ -49,7 +49,7 @@ AROUND = 64
 """Number of directions in which it is measured whether a body is within the rim of a cup."""
 
 SAMPLES = 5
-"""Number of points of a motion at which the depth of a body is measured for a reason, besides that of the contact."""
+"""Number of points of a motion at which the depth of a body is measured for a reason, and eight times as many around its contact."""
 
 MOST_PIECES = 8
 """Largest number of displacements along a motion."""
@@ -359,8 +359,10 @@ class OpenHand:
             return EntryFailure(proof, f"the open fingers collide with the object: {proof.message}")
         knots = curve.bezier()[0]
         times = np.linspace(knots[0], knots[-1], SAMPLES).tolist()
-        if proof.first_contact is not None:
-            times.append(proof.first_contact.time)
+        if proof.first_contact is not None:  # and points around the contact, which may be a touch
+            at, spacing = proof.first_contact.time, times[1] - times[0]
+            near = np.linspace(at - spacing, at + spacing, 8 * SAMPLES).clip(knots[0], knots[-1])
+            times += [at, *near.tolist()]
         deepest: BodyDepth | None = None
         for time in times:
             part = HeldPart(self._surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))

@@ -49,7 +49,8 @@ AROUND = 64
 """Number of directions in which it is measured whether a body is within the rim of a cup."""
 
 SAMPLES = 5
-"""Number of points of a motion at which the depth of a body is measured for a reason, and eight times as many around its contact."""
+"""Number of points of a motion at which the depth of a body is measured for a reason; eight times as many around the
+contact."""
 
 MOST_PIECES = 8
 """Largest number of displacements along a motion."""

@@ -12,7 +12,7 @@ import trimesh
 import pinproof as pp
 from pinproof import _core
 from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureByCoal
-from pinproof.collision.geometry.bodies import Body, one_inside_other, shape_body
+from pinproof.collision.geometry.bodies import Body, one_inside_other, shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import Solid, winding_number
 from pinproof.spatial import SE3
 
@@ -190,3 +190,82 @@ def test_bodies_that_nearly_touch_a_mesh_have_tight_bounds(offset: float) -> Non
                 lower, upper = core_bounds(body, ball, pp.pose(point + (0.05 + offset) * normal).homogeneous)
                 assert lower <= offset + 1e-12
                 assert upper - lower <= 1e-9 or upper == 0.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_parts_of_a_surface_are_those_that_its_edges_join(seed: int) -> None:
+    """Random triangles of few vertices, among them doubled points, and edges of up to seven triangles."""
+    rng = np.random.default_rng(seed)
+    points = rng.integers(-1, 2, (12, 3)) * rng.choice([-0.0, 1.0], (12, 3))
+    first = _core.first_equal_points(points)
+    assert first.tolist() == [int(np.flatnonzero((points == p).all(axis=1))[0]) for p in points]
+    faces = np.array([rng.choice(7, 3, replace=False) for _ in range(rng.integers(1, 16))])
+    if seed % 3 == 0:
+        faces = np.concatenate([np.array([(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]) + 4 * k for k in range(3)])
+        faces[-4:] = faces[:4] if seed % 2 else faces[-4:, ::-1]
+    sides: dict[tuple[int, ...], list[tuple[int, bool]]] = {}
+    for f, (a, b, c) in enumerate(faces.tolist()):
+        for low, high in ((a, b), (b, c), (c, a)):
+            sides.setdefault((min(low, high), max(low, high)), []).append((f, low < high))
+    label = list(range(len(faces)))
+    for found in sides.values():
+        if len(found) == 2 and found[0][1] != found[1][1]:
+            low, high = sorted((label[found[0][0]], label[found[1][0]]))
+            label = [low if one == high else one for one in label]
+    closed = all(
+        [up for f, up in found if label[f] == part] in ([True, False], [False, True])
+        for found in sides.values()
+        for part in {label[f] for f, _ in found}
+    )
+    parts, is_closed = _core.surface_parts(faces)
+    assert parts.tolist() == [sorted(set(label)).index(one) for one in label]
+    assert is_closed is closed
+
+
+def test_a_mesh_of_many_triangles_is_exact_and_coal_reads_it_only_when_asked(monkeypatch) -> None:
+    monkeypatch.setattr("pinproof.collision.geometry.bodies.MOST_TRIANGLES", 300)
+    (body,) = shape_bodies("ball", None, mesh_of(trimesh.creation.icosphere(2, 0.4), hull=None), pp.pose())
+    assert body.is_exact
+    assert body.solid is not None
+    assert body.solid.watertight
+    assert "because it has 320 of them" in body.remark
+    assert "made" not in vars(body.model)
+    assert body.geometry.num_tris == 320
+    assert body.unchanged
+    body.geometry.vertices()[0] += 1e-3
+    assert not body.unchanged
+
+
+KINDS = [*ROUND.values(), *(MESHES[name] for name in ("torus", "ball", "two parts", "cavity"))]
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("name", ["ur5", "stanford"])
+def test_certified_edges_among_bodies_of_every_kind_are_free(name: str, seed: int) -> None:
+    """Samples by coal, and the proof that measures each pair, of which the other one leaves out most."""
+    rng, arm = np.random.default_rng(seed), pp.load_robot(name).arm()
+    at = rng.normal(size=(int(rng.choice([1, 8, 60, 200])), 3))
+    at *= (rng.uniform(0.6, 1.5, len(at)) / np.linalg.norm(at, axis=1))[:, None]
+    kinds = rng.integers(len(KINDS), size=len(at))
+    kinds[1:][kinds[1:] == list(ROUND).index("half-space")] = 0
+    poses = [pp.pose(x, rng.uniform(-3, 3, 3)) for x in at]
+    scene = pp.Scene([pp.Obstacle(f"o{i}", KINDS[kinds[i]], pose) for i, pose in enumerate(poses)])
+    checker = pp.CollisionChecker(arm, scene, margin=float(rng.choice([0.0, 0.01])))
+    lower, upper = arm.limits.sampling_range()
+    starts = rng.uniform(np.maximum(lower, -np.pi), np.minimum(upper, np.pi), (400, arm.dof))
+    geometry = checker.geometry_model
+    data, model_data = geometry.createData(), arm.model.createData()
+    free = 0
+    for start in starts[checker.is_free_batch(starts)][:12]:
+        offsets = rng.normal(size=(2, arm.dof)) * rng.choice([0.05, 0.3, 1.0])
+        curve = pp.JointPath(start + np.array([0 * start, *offsets]), arm.joint_names)
+        certificate = pp.certify(curve, checker, limits=None)
+        assert certificate.free or not pp.certify(curve, checker, limits=None, record=True).free
+        if not certificate.free:
+            continue
+        free += 1
+        assert certificate.observed >= certificate.clearance > checker.margin
+        for q in curve(np.linspace(*curve.domain, 30)):
+            pin.updateGeometryPlacements(arm.model, model_data, geometry, data, arm.model_configuration(q))
+            assert not any(pin.computeCollision(geometry, data, k) for k in range(len(geometry.collisionPairs)))
+    assert free or len(at) > 8

@@ -13,6 +13,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.description import mesh_reading as reading
+from pinproof.description import meshes
 from pinproof.description.meshes import READERS, TriangleMesh, read_mesh
 from pinproof.viewer.surfaces import obstacle_surfaces
 
@@ -240,7 +241,9 @@ def connected_otherwise(mesh: reading.Reading) -> reading.Reading:
 
 @pytest.mark.parametrize("fault", [lost, scaled, moved, connected_otherwise])
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "dae", "glb"])
-def test_a_fault_of_a_reader_is_noticed_by_the_second_reading(tmp_path, suffix, fault, monkeypatch):
+@pytest.mark.parametrize("many", [0, meshes.MANY])
+def test_a_fault_of_a_reader_is_noticed_by_the_second_reading(tmp_path, suffix, fault, many, monkeypatch):
+    monkeypatch.setattr(meshes, "MANY", many)  # large STL files are compared with their bytes
     files = next(case[2] for case in CASES if case[1] == suffix)
     path = tmp_path / f"mesh.{suffix}"
     path.write_bytes(files[path.name])

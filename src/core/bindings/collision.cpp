@@ -10,6 +10,7 @@
 #include "collision/mesh.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
+#include "collision/surface.h"
 #include "collision/world.h"
 
 namespace pinproof {
@@ -122,6 +123,13 @@ void bind_shapes(nb::module_& module) {
             }, "(F, 3, 3) the triangles of a mesh, in the order of its tree: each half of them is close together.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
+    module.def("first_equal_points", [](const Matrix& points) {
+            return array_of<std::int64_t>(first_equal_points(finite("points", points, {kAny, 3})));
+        }, "points"_a, "(N,) the number of the first of the points (N, 3) that is equal to each.");
+    module.def("surface_parts", [](const IndexMatrix& triangles) {
+            const SurfaceParts parts = surface_parts(shaped("triangles", triangles, {kAny, 3}));
+            return std::tuple(array_of<std::int64_t>(parts.part_of), parts.closed);
+        }, "triangles"_a, "The part (F,) of each triangle (F, 3) of a surface, and whether all parts are closed.");
     module.def("separating_directions", &separating_directions, "a"_a, "b"_a, "root_from_a"_a, "root_from_b"_a,
                "(N, 3) the unit vectors in the root frame from convex shapes a to shapes b at placements (N, 16).");
     module.def(

@@ -59,33 +59,39 @@ public:
     }
 
 private:
-    // Append the node of some triangles and all nodes within it.
-    void add(std::span<std::int32_t> members) {
+    // Append the node of some triangles and all nodes within it; returns the box around the triangles.
+    Range add(std::span<std::int32_t> members) {
         const std::size_t here = mesh_.nodes.size();
-        Range box, centres;
-        for (std::int32_t member : members) {
-            for (const Vec3& corner : source_[member].corners) box.add(corner);
-            centres.add(centres_[member]);
-        }
-        const Vec3 more{enlarged_, enlarged_, enlarged_};
-        mesh_.nodes.push_back({0.5 * (box.low + box.high), 0.5 * (box.high - box.low) + more});
+        mesh_.nodes.emplace_back();
+        Range box;
         if (members.size() <= kLeafTriangles) {
             mesh_.nodes[here].first = static_cast<std::int32_t>(mesh_.triangles.size());
             mesh_.nodes[here].count = static_cast<std::int32_t>(members.size());
             std::ranges::sort(members);
-            for (std::int32_t member : members) mesh_.triangles.push_back(source_[member]);
-            return;
+            for (std::int32_t member : members) {
+                mesh_.triangles.push_back(source_[member]);
+                for (const Vec3& corner : source_[member].corners) box.add(corner);
+            }
+        } else {
+            Range centres;
+            for (std::int32_t member : members) centres.add(centres_[member]);
+            const Vec3 width = centres.high - centres.low;
+            const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
+            const std::size_t half = members.size() / 2;
+            std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), [&](int i, int j) {
+                const double x = centres_[i][longest], y = centres_[j][longest];
+                return x != y ? x < y : i < j;  // a total order, so that every library builds the same tree
+            });
+            box = add(members.first(half));
+            mesh_.nodes[here].second_child = static_cast<std::int32_t>(mesh_.nodes.size());
+            const Range second = add(members.subspan(half));
+            box.add(second.low);
+            box.add(second.high);
         }
-        const Vec3 width = centres.high - centres.low;
-        const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
-        const std::size_t half = members.size() / 2;
-        std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), [&](int i, int j) {
-            const double x = centres_[i][longest], y = centres_[j][longest];
-            return x != y ? x < y : i < j;  // a total order, so that every library builds the same tree
-        });
-        add(members.first(half));
-        mesh_.nodes[here].second_child = static_cast<std::int32_t>(mesh_.nodes.size());
-        add(members.subspan(half));
+        const Vec3 more{enlarged_, enlarged_, enlarged_};
+        mesh_.nodes[here].centre = 0.5 * (box.low + box.high);
+        mesh_.nodes[here].half = 0.5 * (box.high - box.low) + more;
+        return box;
     }
 
     const std::vector<Triangle>& source_;
@@ -161,6 +167,7 @@ public:
 
     DistanceBounds run() {
         remeasure();
+        set_plane(best_.direction);
         if (bounds_.upper <= query_.below) {
             bounds_.lower = std::min(bounds_.lower, gap(*side_a_.root(), *side_b_.root()));
             return bounds_;
@@ -221,16 +228,34 @@ private:
     double gap(const MeshNode& a, const MeshNode& b) const {
         if (b_.kind == ShapeKind::kHalfSpace) {
             const Vec3 up = a_from_b_.rotation.column(2);
-            const double reach =
-                std::abs(up.x) * a.half.x + std::abs(up.y) * a.half.y + std::abs(up.z) * a.half.z;
-            return dot(up, a.centre - a_from_b_.translation) - reach;
+            return dot(up, a.centre - a_from_b_.translation) - reach_of(a.half, up);
         }
         const Vec3 offset = a_from_b_ * b.centre - a.centre;
         double gap = gap_of_faces(a_from_b_.rotation, offset, a.half, b.half);
         if (side_b_.mesh == nullptr) gap = std::max(gap, point_to_box(offset, a.half) - side_b_.ball);
         if (side_a_.mesh == nullptr)
             gap = std::max(gap, point_to_box(transposed_times(a_from_b_.rotation, offset), b.half) - side_a_.ball);
-        return gap;
+        if (!has_plane_) return gap;
+        // The direction that separates the closest triangles so far separates those next to them, too.
+        const double top = side_a_.mesh ? dot(plane_, a.centre) + reach_of(a.half, plane_) : top_;
+        const double bottom =
+            side_b_.mesh ? dot(plane_, a_from_b_ * b.centre) - reach_of(b.half, plane_in_b_) : bottom_;
+        return std::max(gap, bottom - top);
+    }
+
+    static double reach_of(const Vec3& half, const Vec3& u) {
+        return std::abs(u.x) * half.x + std::abs(u.y) * half.y + std::abs(u.z) * half.z;
+    }
+
+    // Take a vector of any length in the frame of a as the direction of further gaps.
+    void set_plane(const Vec3& direction) {
+        has_plane_ = squared_norm(direction) > 0.0 && b_.kind != ShapeKind::kHalfSpace;
+        if (!has_plane_) return;
+        const Vec3 u = (1.0 / norm(direction)) * direction;
+        plane_ = u;
+        plane_in_b_ = transposed_times(a_from_b_.rotation, u);
+        if (side_a_.mesh == nullptr) top_ = dot(u, support(a_, u)) + a_.radius;
+        if (side_b_.mesh == nullptr) bottom_ = dot(u, a_from_b_ * support(b_, -plane_in_b_)) - b_.radius;
     }
 
     // Measure the triangles that were closest in an earlier query; most often they still are.
@@ -258,6 +283,7 @@ private:
                 DistanceQuery query = query_;
                 query.above = std::min(query.above, bounds_.upper);
                 const DistanceBounds found = of_triangles(i, j, query, separation);
+                if (found.upper < bounds_.upper || !(bounds_.upper < kUnbounded)) set_plane(separation.direction);
                 bounds_.lower = std::min(bounds_.lower, found.lower);
                 if (found.upper < bounds_.upper) {
                     bounds_.upper = found.upper;
@@ -279,6 +305,9 @@ private:
     const DistanceQuery& query_;
     Separation& best_;
     Side side_a_, side_b_;
+    bool has_plane_ = false;
+    Vec3 plane_, plane_in_b_;           // the direction of further gaps, in the frames of a and b
+    double top_ = 0.0, bottom_ = 0.0;  // the extents of a convex a and a convex b along it
     DistanceBounds bounds_{kUnbounded, kUnbounded};
 };
 

@@ -36,6 +36,9 @@ READERS: dict[str, Callable[[bytes, Path, Mapping[str, bytes]], Reading]] = {
 
 MESH_SUFFIXES = tuple(f".{kind}" for kind in READERS)
 
+GLTF = (".glb", ".gltf")
+"""The formats with y up."""
+
 COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
 """The formats that can state colours: all but STL."""
 
@@ -52,6 +55,10 @@ LARGEST_COORDINATE = 1e30
 ROUNDING = 1e-5
 """Difference of coordinates relative to the largest. assimp computes with single precision; the largest difference in
 the 776 meshes of example-robot-data is 2e-7."""
+
+MANY = 100_000
+"""Triangles. assimp takes 3 us for each; of a larger binary STL file, whose format has one layout, the bytes are
+compared instead."""
 
 REMOVED = re.compile(rb"^[ \t]*(mtllib\b[^\n]*)?", re.MULTILINE)
 """Parts of OBJ files that assimp does not see: files of materials, which it would open, and indentation, because it
@@ -89,8 +96,9 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
         raise MeshError(path, unknown_suffix(path, MESH_SUFFIXES))
     reading = _load(path)
     with np.errstate(over="ignore"):
-        vertices = reading.vertices @ z_up(path).T * (np.asarray(scale) * reading.unit)
-    if not (farthest := float(np.abs(vertices).max())) <= FARTHEST:
+        turned = reading.vertices @ z_up(path).T if path.suffix.lower() in GLTF else reading.vertices
+        vertices = turned * (np.asarray(scale) * reading.unit) + 0.0  # without -0
+    if not (farthest := max(-float(vertices.min()), float(vertices.max()))) <= FARTHEST:
         what = f"extends to {farthest:g} m (limit {FARTHEST:g} m) with the scale {max(scale):g}"
         raise MeshError(path, f"{what}; the scale of a mesh in millimetres is 0.001")
     return TriangleMesh(vertices, reading.triangles[:, ::-1].copy() if np.prod(scale) < 0 else reading.triangles)
@@ -127,7 +135,7 @@ def z_up(path: Path) -> npt.NDArray[np.float64]:
     request 52) and Gazebo (issue 1305) ignore it, because it is wrong in many robot descriptions. STL, OBJ and PLY do
     not state an up axis.
     """
-    if path.suffix.lower() in (".glb", ".gltf"):
+    if path.suffix.lower() in GLTF:
         return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     return np.eye(3)
 
@@ -138,6 +146,8 @@ def _load(path: Path) -> Reading:
     kind = path.suffix.lower()[1:]
     files = external_files(data, path, LARGEST_MESH) if kind == "gltf" else {}
 
+    large = kind == "stl" and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little") > 84 + 50 * MANY
+
     def make() -> dict[str, npt.NDArray[Any]]:
         reading = READERS[kind](data, path, files)
         if len(reading.triangles) == 0:
@@ -147,15 +157,31 @@ def _load(path: Path) -> Reading:
         if not (largest := float(np.abs(reading.vertices).max())) < LARGEST_COORDINATE:
             raise MeshError(path, f"extends to {largest:g} units (limit {FARTHEST:g} m)")
         # a mesh that another reader reads differently is refused
-        compare_with_assimp(path, kind, data, files, reading)
+        if large:
+            compare_with_bytes(path, data, reading)
+        else:
+            compare_with_assimp(path, kind, data, files, reading)
         # Vertices that no triangle has are no part of the surface, and would enlarge its hull.
         used, triangles = np.unique(reading.triangles, return_inverse=True)
-        unit = np.array(reading.unit)
-        return {"vertices": reading.vertices[used], "triangles": triangles.reshape(-1, 3), "unit": unit}
+        vertices = reading.vertices[used] if len(used) < len(reading.vertices) else reading.vertices
+        return {"vertices": vertices, "triangles": triangles.reshape(-1, 3), "unit": np.array(reading.unit)}
 
-    key = content_digest(data, kind, *(part for file in files.items() for part in file))
-    arrays = cached("mesh", key, make, code=MESH_CODE, libraries=MESH_LIBRARIES)
+    if large:  # It is read faster than an entry of the cache.
+        arrays = make()
+    else:
+        key = content_digest(data, kind, *(part for file in files.items() for part in file))
+        arrays = dict(cached("mesh", key, make, code=MESH_CODE, libraries=MESH_LIBRARIES))
     return Reading(arrays["vertices"], arrays["triangles"], float(arrays["unit"]))
+
+
+def compare_with_bytes(path: Path, data: bytes, reading: Reading) -> None:
+    """Raise MeshError unless the corners are those in the bytes of a binary STL file, or if all triangles are flat."""
+    rows = np.frombuffer(data, dtype=np.uint8, offset=84).reshape(-1, 50)
+    corners = np.ascontiguousarray(rows[:, 12:48]).view("<f4").reshape(-1, 3, 3)
+    if not np.array_equal(reading.vertices[reading.triangles], corners):
+        raise MeshError(path, f"two readers disagree: the coordinates; {REMEDY}")
+    if np.any([(corners[:, i] == corners[:, i - 1]).all(axis=1) for i in range(3)], axis=0).all():
+        raise MeshError(path, "is flat: every triangle has two equal corners")
 
 
 def compare_with_assimp(path: Path, kind: str, data: bytes, files: Mapping[str, bytes], reading: Reading) -> None:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import logging
 import math
 import os
-import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -59,6 +58,9 @@ MOST_PIECES = 64
 MOST_EXCESS = 1e-3
 """Maximum distance (m) that convex pieces may extend beyond a mesh, less than the usual margin of a robot cell; if they
 would extend farther, the triangles are used."""
+
+MOST_TRIANGLES = 20_000
+"""Meshes with more triangles are not covered by convex pieces, which takes more than five seconds."""
 
 DEEP = 0.5 * MOST_EXCESS
 """Depth (m) below its hull up to which a surface counts as part of the hull; a mesh without deeper points is convex."""
@@ -135,6 +137,26 @@ class Support:
         return np.asarray(reach + self.radius * length + np.sqrt(((self.semi_axes * directions) ** 2).sum(axis=-1)))
 
 
+class MeshModel:
+    """Coal's model of triangles, made on first access: the core has its own, and coal takes 2.5 us for a triangle."""
+
+    def __init__(self, vertices: Array, triangles: npt.NDArray[np.int64]) -> None:
+        self.vertices, self.triangles = vertices, triangles
+
+    @cached_property
+    def made(self) -> Any:
+        """The shape of coal."""
+        return bvh(self.vertices, self.triangles)
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the model, which cannot be made read-only, still has the vertices with which it was made."""
+        return "made" not in self.__dict__ or np.array_equal(self.made.vertices(), self.vertices)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"vertices": self.vertices, "triangles": self.triangles}
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """A body that is checked for collision.
@@ -147,8 +169,8 @@ class Body:
         The link, attached object or obstacle to which it belongs; messages use this name.
     link
         The robot link it moves with; None for an obstacle.
-    geometry
-        The coal shape, in the body's own frame.
+    model
+        The coal shape, in the body's own frame, or how it is made.
     link_from_body
         Pose on its link; root_from_body for an obstacle.
     box
@@ -170,7 +192,7 @@ class Body:
     name: str
     owner: str
     link: str | None
-    geometry: Any
+    model: Any
     link_from_body: pin.SE3
     box: Array
     support: Support | None
@@ -179,12 +201,15 @@ class Body:
     source: str = ""
     level: int = 0
     file: FileStamp | None = None
-    _read: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
-        object.__setattr__(self, "_read", self._checksum())
         self.box.setflags(write=False)
+
+    @property
+    def geometry(self) -> Any:
+        """The coal shape, in the body's own frame."""
+        return self.model.made if isinstance(self.model, MeshModel) else self.model
 
     @cached_property
     def core_shape(self) -> CoreShape:
@@ -224,12 +249,12 @@ class Body:
 
     @property
     def _kind(self) -> str:
-        return type(self.geometry).__name__
+        return "BVHModelOBBRSS" if isinstance(self.model, MeshModel) else type(self.model).__name__
 
     @property
     def is_exact(self) -> bool:
         """Whether coal reads the triangles of a mesh."""
-        return isinstance(self.geometry, coal.BVHModelBase)
+        return isinstance(self.model, MeshModel | coal.BVHModelBase)
 
     @property
     def is_hollow(self) -> bool:
@@ -239,13 +264,7 @@ class Body:
     @property
     def unchanged(self) -> bool:
         """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
-        return bool(self._read == self._checksum())
-
-    def _checksum(self) -> int:
-        """A checksum of what coal reads of an exact mesh; other bodies are proven apart by their support alone."""
-        if not self.is_exact:
-            return 0
-        return zlib.crc32(self.geometry.vertices().tobytes())
+        return not isinstance(self.model, MeshModel) or self.model.unchanged
 
     def content(self) -> bytes:
         """Return all data on which verdicts depend, for a hash; name and colour are not included."""
@@ -270,13 +289,13 @@ class BoxBody(Body):
     """A box as an obstacle, of which coal's shape, corners and support function are made on first access."""
 
     shape: Box
-    link, is_exact, _kind, _read = None, False, "Box", 0
+    link, is_exact, _kind = None, False, "Box"
 
     @cached_property
     def _made(self) -> Made:
         return _made(self.shape, self.owner, None)
 
-    geometry = cached_property(lambda self: self._made[0])
+    model = cached_property(lambda self: self._made[0])
     box = cached_property(lambda self: self._made[1])
     support = cached_property(lambda self: self._made[2])
 
@@ -318,20 +337,20 @@ class CellsBody(Body):
     """An obstacle of so many boxes that they are one body, of which coal's triangles are made on first access."""
 
     solid: Cells
-    link, support, is_exact, _kind, _read = None, None, False, "cells", 0
+    link, support, is_exact, _kind = None, None, False, "cells"
 
     @cached_property
-    def geometry(self) -> Any:
+    def model(self) -> Any:
         """The triangles of all boxes, for coal."""
         corners = self.solid.surface.reshape(-1, 3)
-        return bvh(corners, np.arange(len(corners)).reshape(-1, 3))
+        return MeshModel(corners, np.arange(len(corners)).reshape(-1, 3))
 
     core_shape = cached_property(lambda self: self.solid.core_shape)
 
     def as_mesh(self) -> Body:
         """Return the same with the triangles of its boxes, for proofs that need facets."""
         at, box = self.link_from_body, self.box
-        return Body(self.name, self.owner, None, self.geometry, at, box, None, self.solid, self.remark)
+        return Body(self.name, self.owner, None, self.model, at, box, None, self.solid, self.remark)
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
@@ -460,8 +479,7 @@ def _ends(shape: Cylinder | Cone | Capsule) -> Array:
 def _unmodified(shape: Mesh, file: FileStamp | None) -> Made:
     """Return the cached result for a mesh; made again if its vertices, which coal cannot protect, were modified."""
     made = _made_of_mesh(shape, file)
-    geometry, _, _, solid = made
-    if isinstance(solid, Solid) and not np.array_equal(geometry.vertices(), solid.vertices):
+    if isinstance(made[0], MeshModel) and not made[0].unchanged:
         _made_of_mesh.cache_clear()
         made = _made_of_mesh(shape, file)
     return made
@@ -474,16 +492,27 @@ def _stamped(shape: Mesh) -> tuple[Mesh, FileStamp | None]:
 
 
 @lru_cache(maxsize=MESHES_KEPT)
+def _solid(shape: Mesh, _file: FileStamp | None) -> Solid:
+    mesh = triangles_of(shape)
+    return Solid(mesh.vertices, mesh.triangles, shape.hollow)
+
+
+@lru_cache(maxsize=MESHES_KEPT)
 def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, ...], str]:
     """Return how a mesh is represented as a solid (``hull``, or several pieces), and a remark on simplifications."""
-    mesh = triangles_of(shape)
     what = "the mesh" if shape.path is None else Path(shape.path).name
-    solid = Solid(mesh.vertices, mesh.triangles)
+    solid = _solid(replace(shape, hull=False), _file)
     if not solid.watertight:
         remark = f"{what} is not watertight, so it is replaced by its convex hull, which fills its openings"
         return True, (), remark
+    if len(solid.triangles) > MOST_TRIANGLES:
+        remark = (
+            f"{what} is represented by its exact triangles, because it has {len(solid.triangles):,} of them and convex "
+            f"pieces are computed for up to {MOST_TRIANGLES:,}; a coarser mesh is checked faster"
+        )
+        return False, (), remark
     # A watertight mesh is covered by convex pieces if they fit it closely.
-    with step(f"decomposing {what} ({len(mesh.triangles):,} triangles)", level=logging.INFO):
+    with step(f"decomposing {what} ({len(solid.triangles):,} triangles)", level=logging.INFO):
         cover = kept_convex_pieces(solid, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
@@ -503,29 +532,28 @@ def _own_shape(shape: Mesh, _file: FileStamp | None) -> tuple[bool, tuple[Made, 
 
 @lru_cache(maxsize=MESHES_KEPT)
 def _made_of_mesh(shape: Mesh, _file: FileStamp | None) -> Made:
-    mesh = triangles_of(shape)
     what = "a mesh of arrays" if shape.path is None else shape.path
     if shape.hull:
         try:
-            return _hull(mesh.vertices, "the mesh")
+            return _hull(triangles_of(shape).vertices, "the mesh")
         except InputError as error:
             raise MeshError(what, f"{error}; use its triangles (hull=False), or give it thickness") from error
     if shape.hull is None:
         raise InputError("a Mesh without hull= may be several bodies; use shape_bodies")
     # The triangles, which need an inside unless only the surface is checked.
-    solid = Solid(mesh.vertices, mesh.triangles, shape.hollow)
+    solid = _solid(shape, _file)
     if not solid.watertight and not shape.hollow:
         raise MeshError(
             what,
             "is not watertight, so it has no inside: use its hull (hull=True), close it, or use only its surface "
             "(hull=False, hollow=True), inside which no body is detected",
         )
-    return *_surface(mesh.vertices, mesh.triangles), solid
+    return *_surface(solid.vertices, solid.triangles), solid
 
 
 def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> tuple[Any, Array, None]:
     """Coal shape, box and no support."""
-    return bvh(vertices, triangles), _box_around(vertices), None
+    return MeshModel(vertices, triangles), _box_around(vertices), None
 
 
 def triangles_of(shape: Mesh) -> TriangleMesh:

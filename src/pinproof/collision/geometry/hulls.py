@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Shape as CoreShape
-from pinproof._core import hull_space
+from pinproof._core import first_equal_points, hull_space, surface_parts
 from pinproof.errors import InputError
 from pinproof.spatial import Array
 
@@ -231,21 +231,23 @@ class Solid:
 
     def __post_init__(self) -> None:
         # Files such as STL repeat each corner for every triangle; equal corners are one vertex.
-        points, index = np.unique(self.vertices, axis=0, return_inverse=True)
-        faces = index.reshape(-1)[self.triangles]
+        points = np.ascontiguousarray(self.vertices, dtype=float)
+        faces = first_equal_points(points)[self.triangles]
         proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-        flat, faces = faces[~proper], faces[proper]
-        # Parts are connected over edges between two triangles, and closed if all edges are.
-        edges = _HullEdges.of(faces, len(points))
-        parts = edges.parts(len(faces))
-        closed = not self.hollow and edges.closed(parts)
+        flat, faces = (faces[~proper], faces[proper]) if not proper.all() else (faces[:0], faces)
+        # Parts are connected over edges between two triangles, and closed if all edges are. Bodies that touch, or share
+        # vertices or edges, are separate parts.
+        labels, all_closed = surface_parts(faces)
+        order = np.argsort(labels, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(faces) else []
+        closed = all_closed and not self.hollow
         object.__setattr__(self, "watertight", closed)
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
         # Solid parts are oriented outwards, and cavities, which are inside of a solid part, inwards.
         corners, cavities = points[faces], False
         if closed:
-            moved = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
-            volume = np.array([np.linalg.det(moved[part]).sum() / 6 for part in parts])
+            sixfold = _sixfold_volumes(corners)
+            volume = np.array([sixfold[part].sum() / 6 for part in parts])
             if volume.sum() < 0:
                 corners, volume = corners[:, ::-1], -volume
             for k in sorted(
@@ -328,41 +330,10 @@ def winding_number(point: Array, corners: Array) -> float:
     return float(solid_angles.sum() / (4.0 * np.pi))
 
 
-@dataclass(frozen=True, eq=False)
-class _HullEdges:
-    """The three edges of each triangle (3 F,): the triangle, the number of the edge, and +-1 for the direction."""
-
-    face: Indices
-    number: Indices
-    direction: Indices
-
-    @classmethod
-    def of(cls, faces: Indices, count: int) -> _HullEdges:
-        ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-        number = np.unique(ends.min(axis=1) * count + ends.max(axis=1), return_inverse=True)[1].reshape(-1)
-        return cls(np.tile(np.arange(len(faces)), 3), number, np.where(ends[:, 0] < ends[:, 1], 1, -1))
-
-    def parts(self, count: int) -> list[Indices]:
-        """Return the triangles of each part, as indices of the ``count`` triangles."""
-        # Bodies that touch, or share vertices or edges, are separate parts: an edge of more than two triangles, or of
-        # two in the same direction, does not connect them.
-        order = np.argsort(self.number, kind="stable")
-        begins = np.flatnonzero(np.diff(self.number[order], prepend=-1))
-        two = begins[np.diff(begins, append=len(order)) == 2]
-        one, other = order[two], order[two + 1]
-        joined = self.direction[one] != self.direction[other]
-        labels = connected_parts(count, self.face[one[joined]], self.face[other[joined]])
-        order = np.argsort(labels, kind="stable")
-        return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if count else []
-
-    def closed(self, parts: list[Indices]) -> bool:
-        """Whether every edge of a part joins exactly two of its triangles, once in each direction."""
-        label = np.empty(len(self.face) // 3, dtype=np.int64)
-        for k, part in enumerate(parts):
-            label[part] = k
-        key = label[self.face] * (self.number.max(initial=0) + 1) + self.number
-        edge = np.unique(key, return_inverse=True)[1].reshape(-1)
-        return len(parts) > 0 and bool((np.bincount(edge) == 2).all()) and not np.bincount(edge, self.direction).any()
+def _sixfold_volumes(corners: Array) -> Array:
+    """(F,) six times the volume between each triangle (F, 3, 3) and their middle, from which less is cancelled."""
+    a, b, c = np.moveaxis(corners - corners[:, 0].mean(axis=0), 0, 2)
+    return np.asarray(sum(a[k] * (b[i] * c[j] - b[j] * c[i]) for k, i, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1))))
 
 
 def _touch(a: Array, b: Array) -> bool:

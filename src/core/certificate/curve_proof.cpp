@@ -111,7 +111,7 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         if (is_wide(interval)) {
             find_contact(sum);
         } else {
-            if (interval.all_pairs) list_pairs(interval, sum);
+            if (interval.all_pairs) list_pairs(interval);
             judge_pairs(interval, sum);
         }
         state_.proven = sum.proven;
@@ -241,7 +241,7 @@ void CurveProof::note_distance(int k, double distance, Summary& sum) {
 
 // List all moving pairs, except obstacles that the tree of their boxes proves to be far; the nodes of these are in far_.
 // With evidence, each pair is listed.
-void CurveProof::list_pairs(Interval& interval, Summary&) {
+void CurveProof::list_pairs(Interval& interval) {
     const Geometry& space = world_.space();
     lists_.resize(interval.list);
     lists_.insert(lists_.end(), world_.own.begin(), world_.own.end());
@@ -303,12 +303,13 @@ void CurveProof::judge_pairs(const Interval& interval, Summary& sum) {
         const FarNode far = far_.back();
         far_.pop_back();
         const double smallest = std::min(sum.proven + settings_.obstacle_tolerance, state_.observed);
-        if (is_clear(far, std::max(goal(margin), smallest), margin, true, sum)) continue;
+        const double clear = std::max(goal(margin), smallest);
+        if (is_clear(far, clear, margin, true, sum)) continue;
         const ObstacleNode& node = world_.space().obstacles[far.row];
         if (node.body < 0) {
             const int second = world_.space().obstacles[far.row + 1].skip;
             for (int row : {second, far.row + 1})
-                far_.push_back(bound_node(far.body, row, kInfinity, is_single_piece(interval)));
+                far_.push_back(bound_node(far.body, row, clear, is_single_piece(interval)));
         } else if (const int k = world_.pair_with_obstacle(far.body, node.body); k >= 0) {
             judge(k, interval, sum);
         }

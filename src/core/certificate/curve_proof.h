@@ -129,7 +129,7 @@ private:
     PairMemory& memory_of(int pair);
 
     Middle place_middle(const Interval& interval, const double* part);
-    void list_pairs(Interval& interval, Summary& sum);
+    void list_pairs(Interval& interval);
     void judge_pairs(const Interval& interval, Summary& sum);
     void judge(int pair, const Interval& interval, Summary& sum);
     bool is_wide(const Interval& interval) const;

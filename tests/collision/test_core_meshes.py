@@ -224,7 +224,7 @@ def test_the_parts_of_a_surface_are_those_that_its_edges_join(seed: int) -> None
 
 def test_a_mesh_of_many_triangles_is_exact_and_coal_reads_it_only_when_asked(monkeypatch) -> None:
     monkeypatch.setattr("pinproof.collision.geometry.bodies.MOST_TRIANGLES", 300)
-    (body,) = shape_bodies("ball", None, mesh_of(trimesh.creation.icosphere(2, 0.4), hull=None), pp.pose())
+    (body,) = shape_bodies("ball", None, mesh_of(trimesh.creation.icosphere(2, 0.37), hull=None), pp.pose())
     assert body.is_exact
     assert body.solid is not None
     assert body.solid.watertight

@@ -196,6 +196,22 @@ def test_batch_equals_the_single_calls(arm):
     assert arm.forward_kinematics_batch(Q) == pytest.approx(single, abs=1e-15)
 
 
+def test_the_batch_of_jacobians_equals_the_single_calls(arm):
+    rng = np.random.default_rng(3)
+    many = rng.uniform(*arm.limits.sampling_range(), size=(20, arm.dof))
+    assert arm.jacobian_batch(many) == pytest.approx(np.array([arm.jacobian(q) for q in many]), abs=1e-12)
+    assert arm.jacobian_batch(np.empty((0, arm.dof))).shape == (0, 6, arm.dof)
+
+
+def test_manipulability_is_the_volume_of_the_ellipsoid_of_twists(arm, ur5):
+    assert arm.dof < 6  # an ellipsoid with as many axes as there are joints
+    for each in (arm, ur5, pp.load_robot("panda").arm()):
+        many = np.random.default_rng(4).uniform(*each.limits.sampling_range(), size=(10, each.dof))
+        volumes = [np.prod(np.linalg.svd(each.jacobian(q), compute_uv=False)) for q in many]
+        assert each.manipulability_batch(many) == pytest.approx(np.array(volumes), abs=1e-9)
+        assert each.manipulability(many[0]) == each.manipulability_batch(many)[0]
+
+
 def test_results_do_not_change_with_the_next_call(ur5):
     q, other = np.full(6, 0.3), np.full(6, -0.7)
     kept = [ur5.forward_kinematics(q), ur5.frame_placement(q, "tool0"), ur5.local_jacobian(q)[0]]

@@ -105,6 +105,16 @@ def test_the_power_of_the_torques_is_the_change_of_energy(arm):
         assert arm.torques(q, v, a, payload=BAR) @ v == pytest.approx(power + with_payload, rel=1e-4, abs=1e-3)
 
 
+def test_the_mass_matrix_is_the_torque_per_acceleration(arm):
+    for q, v, _ in zip(*states(arm, 5), strict=True):
+        mass = arm.mass_matrix(q, payload=BAR)
+        at_rest = arm.torques(q, payload=BAR, gravity=np.zeros(3))
+        columns = [arm.torques(q, a=unit, payload=BAR, gravity=np.zeros(3)) - at_rest for unit in np.eye(arm.dof)]
+        assert mass == pytest.approx(np.array(columns).T, abs=1e-10)
+        assert mass == pytest.approx(mass.T, abs=1e-12)
+        assert v @ mass @ v > 0
+
+
 def test_a_payload_of_a_link_and_one_of_the_tcp_add_up(heavy):
     q, v, a = (rows[0] for rows in states(heavy, 1))
     on_arm = pp.Payload(1.0, (0.0, 0.1, 0.0), frame="arm")

@@ -32,11 +32,15 @@ void check_tree(const JointTree& tree) {
             refuse("the parent of a joint must come before it");
 }
 
+// Write a Jacobian (6, n) row by row; returns the position after it.
+double* write_jacobian(const Jacobian& columns, double* out) {
+    for (int i = 0; i < 6; ++i)
+        for (const Twist& column : columns) *out++ = i < 3 ? column.linear[i] : column.angular[i - 3];
+    return out;
+}
+
 NewArray jacobian_array(const Jacobian& columns) {
-    return filled<double>({6, columns.size()}, [&](double* out) {
-        for (int i = 0; i < 6; ++i)
-            for (const Twist& column : columns) *out++ = i < 3 ? column.linear[i] : column.angular[i - 3];
-    });
+    return filled<double>({6, columns.size()}, [&](double* out) { write_jacobian(columns, out); });
 }
 
 Jacobian read_jacobian(const char* name, const Matrix& matrix) {
@@ -66,6 +70,16 @@ NewArray forward_batch(const Chain& chain, const Matrix& configurations) {
     return filled<double>({configurations.shape(0), 4, 4}, [&](double* out) {
         place_rows(chain, configurations, [&](std::size_t row, const Posture& posture) {
             write_homogeneous(transform_of(posture.tcp()), out + 16 * row);
+        });
+    });
+}
+
+NewArray jacobian_batch(const Chain& chain, const Matrix& configurations) {
+    return filled<double>({configurations.shape(0), 6, chain.dof}, [&](double* out) {
+        Jacobian jacobian(chain.dof);
+        place_rows(chain, configurations, [&](std::size_t, const Posture& posture) {
+            posture.jacobian(chain, jacobian);
+            out = write_jacobian(jacobian, out);
         });
     });
 }
@@ -113,6 +127,8 @@ void bind_chains(nb::module_& module) {
         .def_prop_ro("has_mimic_joints", &Chain::has_mimic_joints)
         .def("forward_batch", &forward_batch, "configurations"_a,
              "base_from_tcp (N, 4, 4) at each row of the configurations (N, n).")
+        .def("jacobian_batch", &jacobian_batch, "configurations"_a,
+             "(N, 6, n) the Jacobian of the tcp at each row of the configurations (N, n), in the axes of the base.")
         .def("manipulability_batch", &manipulability_batch, "configurations"_a,
              "sqrt(det(J J^T)) of the Jacobian of the tcp at each row (N, n); of J^T J with fewer than 6 joints.")
         .def("evaluate", &evaluate, "q"_a, "start"_a,

@@ -3,6 +3,7 @@
 
 #include "bindings/arrays.h"
 #include "bindings/structs.h"
+#include "common/threads.h"
 #include "planning/edge_checker.h"
 #include "planning/manifold.h"
 #include "planning/rrt_connect.h"
@@ -22,7 +23,31 @@ auto of_edge(bool (EdgeChecker::*check)(const double*, const double*)) {
     };
 }
 
+// Whether the straight edges from rows of a to rows of b are proven free; 0 threads: one for each processor.
+NewArrayOf<bool> edges_proven(const std::shared_ptr<World>& world, const Matrix& a, const Matrix& b, std::size_t threads) {
+    const std::size_t dof = world->space().tree.dof, count = a.shape(0);
+    const double *from = shaped("a", a, {kAny, dof}).data(), *to = shaped("b", b, {count, dof}).data();
+    struct Worker {
+        EdgeChecker edges;
+        const double *from, *to;
+        bool* free;
+
+        void operator()(Rows& rows) {
+            for (std::size_t row; rows.take(row);)
+                free[row] = edges.proven_without_samples(from + row * edges.dof(), to + row * edges.dof());
+        }
+    };
+    if (threads == 0) threads = std::max(std::thread::hardware_concurrency(), 1u);
+    return filled<bool>({count}, [&](bool* free) {
+        nb::gil_scoped_release release;
+        share_rows(count, threads, [&] { return Worker{EdgeChecker(world, 1.0), from, to, free}; });
+    });
+}
+
 void bind_edges(nb::module_& module) {
+    module.def("edges_proven", &edges_proven, "world"_a, "a"_a, "b"_a, "threads"_a,
+               "(N,) whether the straight edges between rows of a and b (N, n) are proven free, without the GIL; 0 threads: "
+               "one for each processor.");
     nb::class_<EdgeChecker>(module, "EdgeChecker", "Checks straight edges in joint space by samples and by proofs.")
         .def(nb::new_([](std::shared_ptr<World> world, double resolution) {
                  return new EdgeChecker(std::move(world), positive("resolution", resolution));

@@ -9,7 +9,6 @@ namespace {
 // Maximum number of samples of an edge; longer edges are sampled more coarsely, and left to the proof.
 constexpr int kMostSamples = 1024;
 
-
 }  // namespace
 
 EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, double resolution)
@@ -91,7 +90,14 @@ bool EdgeChecker::inner_samples_free(const double* a, const double* b) {
 }
 
 bool EdgeChecker::proven_free(const double* a, const double* b) {
-    if (!samples_free(a, b)) return false;
+    return samples_free(a, b) && proven_between(a, b);
+}
+
+bool EdgeChecker::proven_without_samples(const double* a, const double* b) {
+    return !blocked_ && is_sample_free(a) && is_sample_free(b) && proven_between(a, b);
+}
+
+bool EdgeChecker::proven_between(const double* a, const double* b) {
     std::copy_n(a, dof(), control_.data());
     std::copy_n(b, dof(), control_.data() + dof());
     return curve_proven_free({kUnitKnots, control_, 2, dof()});

@@ -41,6 +41,8 @@ public:
     bool points_free(std::span<const double> points);
     // Whether the edge is proven free; the proof is attempted if its samples are free.
     bool proven_free(const double* a, const double* b);
+    // The same; of the samples only both ends are taken.
+    bool proven_without_samples(const double* a, const double* b);
     bool curve_proven_free(const CurveView& curve);
 
     std::int64_t samples() const { return samples_; }
@@ -60,6 +62,7 @@ private:
     };
 
     bool is_sample_free(const double* q);
+    bool proven_between(const double* a, const double* b);
     bool inner_samples_free(const double* a, const double* b);
     double motion(const double* a, const double* b) const;
 

@@ -130,6 +130,13 @@ def inverse_dynamics(
     return np.asarray(arm.scale.T @ torques)
 
 
+def mass_matrix(arm: ArmBodies, q: Array, payloads: Sequence[Payload]) -> Array:
+    """Compute the mass matrix (n, n) at q (n,) by the composite rigid body algorithm of Pinocchio."""
+    model = _loaded_model(arm, payloads, GRAVITY)
+    upper = np.triu(pin.crba(model, model.createData(), arm.scale @ q + arm.offset))
+    return np.asarray(arm.scale.T @ (upper + np.triu(upper, 1).T) @ arm.scale)
+
+
 def dynamic_tree(arm: ArmBodies, payloads: Sequence[Payload] = (), gravity: npt.ArrayLike = GRAVITY) -> DynamicTree:
     """The bodies that the arm moves for the compiled core, mimic followers and payloads included.
 

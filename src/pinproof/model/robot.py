@@ -44,7 +44,7 @@ from pinproof.model.chain import (
     periodic,
     reduced_model,
 )
-from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
+from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics, mass_matrix
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
 from pinproof.model.limits import JointLimits
 from pinproof.spatial import Array, finite, frozen
@@ -308,6 +308,13 @@ class JointGroup(Shown):
         of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
         return np.asarray(of_motion + of_gravity)
 
+    def mass_matrix(self, q: npt.ArrayLike, *, payload: Payload | Sequence[Payload] | None = None) -> Array:
+        """Compute the mass matrix M (n, n) at q (n,), of which 1/2 v^T M v is the kinetic energy (J).
+
+        The composite rigid body algorithm of Pinocchio; see :meth:`torques` for what is included and for the errors.
+        """
+        return mass_matrix(self, self.configuration(q), checked_payloads(payload))
+
     def configuration(self, q: npt.ArrayLike, name: str = "q", *, batch: str = "") -> Array:
         """Return a validated copy (n,) of a configuration; ``batch`` is the method for several, for the message.
 
@@ -479,6 +486,24 @@ class Arm(JointGroup):
             return np.asarray(base_from_tcp.toActionMatrix() @ local)
         rotation = base_from_tcp.rotation
         return np.vstack([rotation @ local[:3], rotation @ local[3:]])
+
+    def jacobian_batch(self, Q: npt.ArrayLike) -> Array:
+        """Compute the Jacobians (N, 6, n) of the tcp at the configurations Q (N, n), by the compiled core.
+
+        They equal :meth:`jacobian` with the reference ``LOCAL_WORLD_ALIGNED``, which uses Pinocchio, up to rounding.
+        """
+        return np.asarray(self.chain.jacobian_batch(finite("Q", Q, (None, self.dof))))
+
+    def manipulability(self, q: npt.ArrayLike) -> float:
+        """Compute the manipulability sqrt(det(J J^T)) at q (n,); of J^T J with fewer than six joints.
+
+        Source: T. Yoshikawa (1985), "Manipulability of robotic mechanisms", equation 4.
+        """
+        return float(self.manipulability_batch(self.configuration(q, batch="manipulability_batch")[None])[0])
+
+    def manipulability_batch(self, Q: npt.ArrayLike) -> Array:
+        """Compute :meth:`manipulability` (N,) at the configurations Q (N, n)."""
+        return np.asarray(self.chain.manipulability_batch(finite("Q", Q, (None, self.dof))))
 
     def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
         """Compute ``base_from_tcp`` and its (6, n) Jacobian in the axes of the tcp without validating q."""

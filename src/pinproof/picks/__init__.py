@@ -20,7 +20,7 @@ from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, P
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
-from pinproof.picks.judging.configurations import TURN, manipulability
+from pinproof.picks.judging.configurations import TURN
 from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.judge import judge
@@ -67,7 +67,7 @@ __all__ = [
     "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",
     "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup", "Suggestion", "ToolSpeed",
     "TurnSuggestion", "along", "approach_directions", "attainable_orientations", "certify_picks_program",
-    "check_held_joints", "code_of", "export_picks", "judge", "manipulability", "motion_parts", "open_picks",
+    "check_held_joints", "code_of", "export_picks", "judge", "motion_parts", "open_picks",
     "peaks_of", "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks",
     "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened",
     "span", "support_names", "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks",

@@ -36,7 +36,6 @@ from pinproof.picks import (
     PickWeights,
     ScreenStatus,
     code_of,
-    manipulability,
 )
 from pinproof.spatial import Array, matrix
 
@@ -290,7 +289,7 @@ class PlacementScreening:
         clearance, volume = np.full(count, np.nan), np.full(count, np.nan)
         done = np.flatnonzero(np.isfinite(seconds))
         if len(done):
-            volume[done] = manipulability(self.placed.original, q[done])
+            volume[done] = self.placed.original.manipulability_batch(q[done])
             clearance[done] = self.checker.clearance_batch(np.hstack([placements[place[done]], q[done]]))
         return seconds, clearance, volume
 
@@ -359,7 +358,7 @@ def _least_manipulability(report: PickReport) -> float:
     q = [verdict.q_grasp for verdict in report.good if verdict.q_grasp is not None]
     if not q or report.setup is None:
         return np.nan
-    return -float(manipulability(report.setup.checker.arm, np.array(q)).min())
+    return -float(report.setup.checker.arm.manipulability_batch(q).min())
 
 
 _NO_WEIGHTS = {weight.name: 0.0 for weight in fields(PickWeights)}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import FREE, NOT_FINITE, Geometry, World
+from pinproof._core import FREE, NOT_FINITE, Geometry, World, edges_proven
 from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
@@ -258,6 +258,27 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         if self._fixed.touching:
             return np.zeros(len(many), dtype=bool)
         return self._batch(lambda part: self._workspace.judge_many(part), many, threads) == FREE
+
+    def edges_free(self, A: npt.ArrayLike, B: npt.ArrayLike, *, threads: int = 0) -> npt.NDArray[np.bool_]:
+        """Return (N,) whether the straight edges from the rows of A to those of B are proven free, without the GIL.
+
+        A proof holds for all configurations of an edge, not for samples. An edge that is not proven is in contact, or
+        the distance on it is hardly larger than the margin. Joint limits are ignored.
+
+        Parameters
+        ----------
+        A, B
+            (N, n) the configurations at which the edges begin and end.
+        threads
+            The number of threads; 0: one for each processor. The result does not depend on it.
+        """
+        begin = finite("A", A, (None, self.group.dof))
+        end = finite("B", B, begin.shape)
+        if threads < 0:
+            raise InputError(f"threads = {threads}; it must be 0 or more")
+        if self._fixed.touching:
+            return np.zeros(len(begin), dtype=bool)
+        return edges_proven(self.world, begin, end, threads)
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
         """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""

@@ -32,7 +32,6 @@ from pinproof.picks.judging.configurations import (
     TURN,
     has_closed_form,
     limit_margin,
-    manipulability,
     turned_inside,
     widened,
 )
@@ -339,7 +338,7 @@ class Screening:
         """
         # In order of decreasing manipulability, pose by pose: the rows of a matrix, padded with the largest key, are
         # sorted, which takes a tenth of the time of np.lexsort
-        volumes = manipulability(self._arm, q)
+        volumes = self._arm.manipulability_batch(q)
         starts = np.flatnonzero(np.diff(row, prepend=-1))
         counts = np.diff(starts, append=len(row))
         keys = np.full((len(starts), counts.max()), np.inf)

@@ -83,11 +83,6 @@ def along_families(arm: Arm, targets: Array, q0: Array) -> tuple[npt.NDArray[np.
     return row, np.concatenate([np.empty((0, arm.dof)), *samples])
 
 
-def manipulability(arm: Arm, Q: Array) -> Array:
-    """(N,) Yoshikawa's measure at Q (N, n)."""
-    return np.asarray(arm.chain.manipulability_batch(np.ascontiguousarray(Q)))
-
-
 def limit_margin(arm: Arm, low: Array, high: Array | None = None) -> Array:
     """Distance of joint ranges low to high (..., n) from the limits: 1 in the middle of all ranges, 0 at a limit."""
     return np.asarray(joint_margins(arm, low, low if high is None else high).min(axis=-1, initial=1.0))

@@ -30,7 +30,6 @@ from pinproof.picks.judging.configurations import (
     along_families,
     configurations,
     limit_margin,
-    manipulability,
     turned_inside,
 )
 from pinproof.picks.judging.task import PickTask, at_rest
@@ -353,7 +352,7 @@ def rank(task: PickTask, q: Array, members: list[Member]) -> list[GraspCandidate
     if len(q) > RANKED:
         near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]
-    clearance, volume = task.at_grasp.clearance_batch(q), manipulability(arm, q)
+    clearance, volume = task.at_grasp.clearance_batch(q), arm.manipulability_batch(q)
     volume = volume / max(volume.max(), np.finfo(float).tiny)
     parts = score_parts(task.cell.weights, seconds.min(), clearance, limit_margin(arm, q), volume, seconds)
     order = np.argsort(-parts["score"], kind="stable").tolist()

@@ -426,7 +426,14 @@ def pack_geometry(
     """
     tree, frames = _joints(arm)
     robot = next((i for i, body in enumerate(bodies) if body.link is None), len(bodies))
-    placed = [*_on_joints(arm, tuple(bodies[:links])), *(_on_joint(frames, body) for body in bodies[links:robot])]
+    placed = list(_on_joints(arm, tuple(bodies[:links])))
+    poses: dict[tuple[str | None, int], Array] = {}  # the pieces of one object share their pose
+    for body in bodies[links:robot]:
+        joint, above = frames[body.link or ""]
+        key = body.link, id(body.link_from_body)
+        if key not in poses:
+            poses[key] = (above * body.link_from_body).homogeneous
+        placed.append(PlacedBody(body.core_shape, joint, poses[key]))
     return Geometry(tree, placed, pack_obstacles(bodies[robot:]) if obstacles is None else obstacles, rounding)
 
 

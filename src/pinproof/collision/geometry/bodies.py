@@ -226,6 +226,15 @@ class Body:
         """The body of an obstacle as the compiled core uses it."""
         return CoreBody(self.core_shape, -1, matrix(self.link_from_body))
 
+    def placed(self, link_from_body: pin.SE3) -> Body:
+        """Return the same body at another pose, which is frozen; both share what is known of the shape."""
+        other = object.__new__(type(self))
+        known = other.__dict__
+        known.update(self.__dict__, link_from_body=link_from_body)
+        known.pop("core_obstacle", None)
+        known.pop("extent", None)
+        return other
+
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("core_shape", "core_obstacle")}
 
@@ -278,11 +287,15 @@ class Body:
         return b"|".join(parts)
 
     @cached_property
+    def reach(self) -> float:
+        """Largest coordinate (m) of its box, if finite."""
+        sides = [abs(x) for x in self.box.ravel().tolist() if x - x == 0.0]  # the finite ones
+        return max(sides, default=0.0)
+
+    @cached_property
     def extent(self) -> float:
-        """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
-        low, high = self.box.tolist()
-        sides = [abs(x) for x in (*low, *high) if x - x == 0.0]  # the finite ones
-        return max(sides, default=0.0) + math.dist(ORIGIN, matrix(self.link_from_body)[:3, 3].tolist())
+        """Its reach plus the distance (m) of its origin from its link or the root."""
+        return self.reach + math.dist(ORIGIN, self.link_from_body.translation.tolist())
 
 
 class BoxBody(Body):
@@ -390,13 +403,24 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
         return [shape_body(name, name, link, shape, link_from_body)]
     stamped, file = _stamped(shape)
     hull, pieces, remark = _own_shape(stamped, file)
-    made = pieces or (_unmodified(replace(stamped, hull=hull), file),)
-    names = [name] if len(made) == 1 else [f"{name}_part_{i}" for i in range(len(made))]
-    source = "" if len(made) == 1 else name
-    return [
-        Body(part, name, link, each[0], link_from_body.copy(), *each[1:], remark, source=source, file=file)
-        for part, each in zip(names, made, strict=True)
-    ]
+    if not pieces:
+        made = _unmodified(replace(stamped, hull=hull), file)
+        return [Body(name, name, link, made[0], link_from_body.copy(), *made[1:], remark, file=file)]
+    at = frozen(link_from_body.copy())
+    return [body.placed(at) for body in _piece_bodies(name, link, stamped, file)]
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _piece_bodies(name: str, link: str | None, shape: Mesh, file: FileStamp | None) -> tuple[Body, ...]:
+    """Return the bodies of a mesh of convex pieces at the origin, whose shapes all placements of a part share."""
+    _, pieces, remark = _own_shape(shape, file)
+    bodies = tuple(
+        Body(f"{name}_part_{i}", name, link, made[0], pin.SE3.Identity(), *made[1:], remark, source=name, file=file)
+        for i, made in enumerate(pieces)
+    )
+    for body in bodies:
+        _ = body.core_shape, body.reach  # so that the copies have them
+    return bodies
 
 
 def with_triangles(obstacle: Obstacle) -> Obstacle:

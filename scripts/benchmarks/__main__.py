@@ -12,6 +12,7 @@ TOPICS = {
     "several_arms": "joint groups, moving obstacles and conveyors",
     "reuse": "certificates reused in changed scenes",
     "depth": "occupancy grids of depth images",
+    "scaling": "costs against the number of obstacles, triangles and joints",
     "picks": "picks, screening, campaigns and durations",
     "sequence": "the order of picks",
     "cell": "base placement",

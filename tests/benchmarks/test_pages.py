@@ -15,7 +15,7 @@ from benchmarks.tables import FOLDER, Benchmark
 
 from ..pages import ROOT, run_page
 
-PAGES = ("ik", "planning", "collision", "several_arms", "reuse", "depth", "picks", "sequence", "cell")
+PAGES = ("ik", "planning", "collision", "several_arms", "reuse", "depth", "scaling", "picks", "sequence", "cell")
 ALL = {name: import_module(f"benchmarks.{name}").BENCHMARK for name in PAGES} | {"motion": MOTION}
 
 

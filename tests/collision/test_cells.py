@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
 import pinproof as pp
 from pinproof.collision.certificates.certify import is_proven_free
-from pinproof.collision.geometry import bodies
 from pinproof.collision.geometry.bodies import CellsBody, shape_bodies
-from pinproof.collision.geometry.surfaces import Cells, merged_boxes
+from pinproof.collision.geometry.surfaces import Cells
 
 
 def cloud(rng: np.random.Generator, count: int = 400) -> pp.PointCloud:
@@ -33,42 +34,46 @@ def grid(rng: np.random.Generator) -> pp.OccupancyGrid:
     return pp.OccupancyGrid(cells, 0.05, (6, -10, -5))
 
 
+TABLE = pp.Obstacle("table", pp.Box(2, 2, 0.1), pp.pose((0, 0, -0.2)))
+
 SHAPES: dict[str, Callable[[np.random.Generator], pp.PointCloud | pp.OccupancyGrid]] = {"cloud": cloud, "grid": grid}
 
 
-def both(
-    arm: pp.Arm, shape: object, pose: object, monkeypatch: pytest.MonkeyPatch, **settings: object
-) -> tuple[pp.CollisionChecker, pp.CollisionChecker]:
-    """Checkers of an arm beside cells, as one body and as bodies of their own."""
-    found = []
-    for most in (0, 10**9):
-        monkeypatch.setattr(bodies, "MOST_BOXES", most)
-        scene = pp.Scene(
-            [pp.Obstacle("cells", shape, pose), pp.Obstacle("table", pp.Box(2, 2, 0.1), pp.pose((0, 0, -0.2)))]
-        )
-        found.append(pp.CollisionChecker(arm, scene, allowed=[("*", "table")], **settings))
-    one, many = found
+def both(arm: pp.Arm, shape: pp.PointCloud | pp.OccupancyGrid, pose: pin.SE3, **settings: object) -> tuple[Any, Any]:
+    """Checkers of an arm beside cells, as one body and as an obstacle for each box."""
+    boxes = Cells.of(shape).boxes
+    parts = [
+        pp.Obstacle(f"part_{i}", pp.Box(*(high - low)), pose * pp.pose(xyz=(low + high) / 2))
+        for i, (low, high) in enumerate(boxes)
+    ]
+    assert len(parts) > 10
+    one, many = (
+        pp.CollisionChecker(arm, pp.Scene([*things, TABLE], allowed=[("*", "table")]), **settings)
+        for things in ([pp.Obstacle("cells", shape, pose)], parts)
+    )
     assert sum(isinstance(body, CellsBody) for body in one.bodies) == 1
-    assert len(many.bodies) > len(one.bodies) + 10
     return one, many
+
+
+def owners(found: pp.CheckResult) -> set[frozenset[str]]:
+    """The owners in contact, with the boxes of cells as cells."""
+    return {frozenset("cells" if "part_" in name else name for name in contact.bodies) for contact in found.contacts}
 
 
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("seed", range(6))
-def test_cells_as_one_body_have_the_verdicts_of_their_boxes(ur5, name: str, seed: int, monkeypatch) -> None:
+def test_cells_as_one_body_have_the_verdicts_of_their_boxes(ur5, name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = pp.pose(xyz=rng.uniform(-0.2, 0.2, 3), rpy=rng.uniform(-1, 1, 3))
     meshes = {"wrist_2_link": "mesh"} if seed % 3 == 2 else "hull"
-    one, many = both(ur5, SHAPES[name](rng), pose, monkeypatch, margin=0.01 * (seed % 2), link_meshes=meshes)
+    one, many = both(ur5, SHAPES[name](rng), pose, margin=0.01 * (seed % 2), link_meshes=meshes)
     Q = rng.uniform(-np.pi, np.pi, (150, 6))
     free = one.is_free_batch(Q)
     assert 5 < free.sum() < 145
     assert (free == many.is_free_batch(Q)).all()
     np.testing.assert_allclose(one.clearance_batch(Q), many.clearance_batch(Q), atol=1e-9)
     for q in Q[:30]:
-        assert {frozenset(c.bodies) for c in one.check(q).contacts} == {
-            frozenset(c.bodies) for c in many.check(q).contacts
-        }
+        assert owners(one.check(q)) == owners(many.check(q))
     # Edges, most of which graze the cells
     ends = Q + rng.normal(size=Q.shape) * 0.15
     edges = [pp.JointPath(np.array(pair), ur5.joint_names) for pair in zip(Q, ends, strict=True)]
@@ -85,22 +90,16 @@ def test_cells_as_one_body_have_the_verdicts_of_their_boxes(ur5, name: str, seed
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_boxes_of_cells_cover_them_without_overlap(name: str) -> None:
-    rng = np.random.default_rng(3)
-    shape = SHAPES[name](rng)
-    boxes, (low, high) = Cells(shape).boxes, merged_boxes(shape)
-    assert (boxes[:, 1] - boxes[:, 0]).prod(axis=1).sum() == pytest.approx((high - low).prod(axis=1).sum())
-    points = rng.uniform(-1, 2, (3000, 3))
-    inside = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).any(axis=1)
-    assert (Cells(shape).core_shape.contains(points) == inside).all()
-    assert 0 < inside.sum() < 3000
-    # The triangles of the boxes enclose the same volume.
+def test_the_triangles_of_cells_enclose_their_volume(name: str) -> None:
+    shape = SHAPES[name](np.random.default_rng(3))
     a, b, c = np.moveaxis(Cells(shape).surface, 1, 0)
-    assert np.einsum("ij,ij->i", np.cross(a, b), c).sum() / 6 == pytest.approx((high - low).prod(axis=1).sum())
+    volume = np.einsum("ij,ij->i", np.cross(a, b), c).sum() / 6
+    count, side = (len(shape.cells), shape.resolution) if name == "cloud" else (shape.occupied.sum(), shape.voxel)
+    assert volume == pytest.approx(count * side**3)
 
 
-def test_a_proof_beside_cells_is_saved_and_verified(ur5, tmp_path, monkeypatch) -> None:
-    one, _ = both(ur5, cloud(np.random.default_rng(0), 60), pp.pose((0.2, 0.1, 0.3)), monkeypatch)
+def test_a_proof_beside_cells_is_saved_and_verified(ur5, tmp_path) -> None:
+    one, _ = both(ur5, cloud(np.random.default_rng(0), 60), pp.pose((0.2, 0.1, 0.3)))
     rng = np.random.default_rng(1)
     free = [q for q in rng.uniform(-3, 3, (300, 6)) if one.clearance(q) > 0.01]
     path = pp.JointPath(np.array([free[0], free[0] + 0.02]), ur5.joint_names)
@@ -110,7 +109,7 @@ def test_a_proof_beside_cells_is_saved_and_verified(ur5, tmp_path, monkeypatch) 
     assert pp.verify_proof(tmp_path / "cells.proof.json").ok
 
 
-def test_a_body_that_rests_on_cells_leaves_them(ur5, monkeypatch) -> None:
+def test_a_body_that_rests_on_cells_leaves_them(ur5) -> None:
     home = np.array([0.0, -1.2, 1.6, -2.0, -1.6, 0.0])
     at = ur5.forward_kinematics(home)
     part = pp.Obstacle("part", pp.Box(0.06, 0.06, 0.06), pp.pose((0, 0, 0.1)))
@@ -128,18 +127,20 @@ def test_a_body_that_rests_on_cells_leaves_them(ur5, monkeypatch) -> None:
     lift = pp.pose((0.0, 0.0, below[2] - low - top))
     up = np.array([0.0, -0.05, 0.0, 0.0, 0.0, 0.0])
     path = pp.JointPath(np.array([home, home + up, home + 3 * up]), ur5.joint_names)
-    one, many = both(ur5, shape, lift, monkeypatch, attached=[part], margin=0.002)
-    found = [pp.certify(path, each, parting=[("part", "cells")]) for each in (one, many)]
+    one, many = both(ur5, shape, lift, attached=[part], margin=0.002)
+    found = [
+        pp.certify(path, each, parting=[("part", name) for name in each.scene.names if name != "table"])
+        for each in (one, many)
+    ]
     assert found[0].status is found[1].status
 
 
-def test_cells_are_pickled_and_move_without_being_made_again(ur5, monkeypatch) -> None:
+def test_cells_are_pickled_and_move_without_being_made_again(ur5) -> None:
     rng = np.random.default_rng(5)
-    one, _ = both(ur5, cloud(rng), pp.pose(), monkeypatch)
+    one, _ = both(ur5, cloud(rng), pp.pose())
     again, Q = pickle.loads(pickle.dumps(one)), rng.uniform(-2, 2, (100, 6))
     assert (again.is_free_batch(Q) == one.is_free_batch(Q)).all()
     assert again.fingerprint() == one.fingerprint()
-    monkeypatch.setattr(bodies, "MOST_BOXES", 0)
     moved = one.with_scene(one.scene.move("cells", pp.pose((0, 0, 3.0))))
     assert (
         next(b for b in moved.bodies if isinstance(b, CellsBody)).solid
@@ -148,10 +149,18 @@ def test_cells_are_pickled_and_move_without_being_made_again(ur5, monkeypatch) -
     assert moved.is_free_batch(Q).sum() > one.is_free_batch(Q).sum()
 
 
-def test_few_boxes_are_bodies_of_their_own_and_none_is_no_body() -> None:
-    few = pp.PointCloud(np.eye(3), resolution=0.1)
-    assert [body.name for body in shape_bodies("few", None, few, pp.pose())] == [f"few_part_{i}" for i in range(3)]
-    many = pp.PointCloud(np.random.default_rng(0).uniform(-9, 9, (bodies.MOST_BOXES + 200, 3)), resolution=0.01)
-    assert [body.name for body in shape_bodies("many", None, many, pp.pose())] == ["many"]
+def test_no_cell_is_no_body_and_attached_cells_are_a_mesh(ur5) -> None:
     empty = pp.OccupancyGrid(np.zeros((2, 2, 2), dtype=np.uint8), 0.1)
     assert shape_bodies("empty", None, empty, pp.pose()) == []
+    few = pp.PointCloud(0.1 * np.eye(3), resolution=0.02)
+    carried = pp.CollisionChecker(ur5, attached=[pp.Obstacle("few", few, pp.pose((0, 0, 0.1)))])
+    boxes = [
+        pp.Obstacle(f"part_{i}", pp.Box(*(high - low)), pp.pose((low + high) / 2 + [0, 0, 0.1]))
+        for i, (low, high) in enumerate(Cells(few).boxes)
+    ]
+    parts = pp.CollisionChecker(
+        ur5, attached=boxes, allowed=[("part_0", "part_1"), ("part_0", "part_2"), ("part_1", "part_2")]
+    )
+    Q = np.random.default_rng(0).uniform(-3, 3, (300, 6))
+    assert (carried.is_free_batch(Q) == parts.is_free_batch(Q)).all()
+    assert 0 < carried.is_free_batch(Q).sum() < 300

@@ -324,10 +324,9 @@ def test_a_body_that_the_image_shows_elsewhere_is_refused():
 def test_the_bodies_together_are_the_occupied_cells():
     grid = view([TABLE, PART], voxel=0.05)
     covered = np.zeros(grid.cells.shape, dtype=int)
-    for body in shape_bodies("camera", None, grid, pp.pose()):
-        low = np.round((body.link_from_body.translation + body.box[0]) / grid.voxel).astype(int) - grid.low
-        high = np.round((body.link_from_body.translation + body.box[1]) / grid.voxel).astype(int) - grid.low
-        covered[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] += 1
+    (body,) = shape_bodies("camera", None, grid, pp.pose())
+    for box in np.round(body.solid.boxes / grid.voxel).astype(int) - grid.low:
+        covered[tuple(slice(a, b) for a, b in box.T)] += 1
     np.testing.assert_array_equal(covered, grid.occupied)
 
 

@@ -18,7 +18,7 @@ from pinproof.collision import read_points, setup_of
 from pinproof.collision.geometry.bodies import shape_bodies, shape_body
 from pinproof.collision.geometry.depth_image import read_image
 from pinproof.collision.geometry.occupancy import FREE, SEEN
-from pinproof.collision.geometry.surfaces import merged_cells
+from pinproof.collision.geometry.surfaces import Cells
 from pinproof.errors import FileError, SceneError
 
 from .depth_camera import ABOVE, BOUNDS, CAMERA, PART, TABLE, depth_image
@@ -226,9 +226,15 @@ cells_of_any_shape = st.lists(st.tuples(*[st.integers(-3, 3)] * 3), min_size=1, 
 )
 
 
+def boxes_of(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The boxes of cells of a side of 1 m: their lower and upper corners."""
+    low, high = np.moveaxis(Cells(pp.PointCloud(cells + 0.5, 1.0)).boxes, 1, 0)
+    return low.astype(int), high.astype(int)
+
+
 @given(cells_of_any_shape)
 def test_boxes_contain_each_cell_once_and_no_other_space(cells):
-    low, high = merged_cells(cells)
+    low, high = boxes_of(cells)
     held = [
         cell
         for first, last in zip(low.tolist(), high.tolist(), strict=True)
@@ -238,7 +244,7 @@ def test_boxes_contain_each_cell_once_and_no_other_space(cells):
 
 
 def test_a_plane_of_cells_is_one_box():
-    low, high = merged_cells(np.array(list(itertools.product(range(20), range(30), [4]))))
+    low, high = boxes_of(np.array(list(itertools.product(range(20), range(30), [4]))))
     assert (low.tolist(), high.tolist()) == ([[0, 0, 4]], [[20, 30, 5]])
 
 
@@ -246,17 +252,14 @@ def test_the_boxes_are_where_the_cells_are():
     cloud = pp.PointCloud(np.random.default_rng(1).uniform(-0.2, 0.2, (200, 3)), 0.05)
     bodies = shape_bodies("cloud", None, cloud, HERE)
     assert {body.owner for body in bodies} == {"cloud"}
-    assert all(body.support is not None for body in bodies)
+    (body,) = bodies
     inside = np.random.default_rng(2).uniform(-0.25, 0.25, (500, 3))
     cells = set(map(tuple, cloud.cells.tolist()))
     for point in inside:
         there = tuple(np.floor(point / 0.05).astype(int).tolist()) in cells
         place = HERE.act(point)
-        boxed = any(
-            (body.box[0] <= local).all() and (local <= body.box[1]).all()
-            for body in bodies
-            for local in [body.link_from_body.actInv(place)]
-        )
+        local = body.link_from_body.actInv(place)
+        boxed = any((low <= local).all() and (local <= high).all() for low, high in body.solid.boxes)
         assert boxed == there
 
 

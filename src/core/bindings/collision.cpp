@@ -100,13 +100,10 @@ void bind_shapes(nb::module_& module) {
         .def("contains", [](const Shape& shape, const Matrix& points) {
                 const double* p = shaped("points", points, {kAny, 3}).data();
                 return filled<bool>({points.shape(0)}, [&](bool* inside) {
-                    for (std::size_t i = 0; i < points.shape(0); ++i, p += 3) {
-                        const Vec3 point{p[0], p[1], p[2]};
-                        inside[i] = shape.cells ? shape.cells->contains(point)
-                                                : shape.mesh != nullptr && shape.mesh->contains(point);
-                    }
+                    for (std::size_t i = 0; i < points.shape(0); ++i, p += 3)
+                        inside[i] = shape.mesh != nullptr && shape.mesh->contains({p[0], p[1], p[2]});
                 });
-            }, "points"_a, "(N,) whether points (N, 3) are inside cells or a closed mesh.")
+            }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
         .def_prop_ro("corners", [](const Shape& shape) {
                 std::vector<double> numbers;
                 if (shape.mesh != nullptr)

@@ -95,21 +95,6 @@ CellTree::CellTree(std::span<const std::int64_t> low, std::span<const std::int64
     add_nodes(*this, boxes, 0, kBoxRounding * largest);
 }
 
-bool CellTree::contains(const Vec3& point) const {
-    std::vector<std::int32_t> stack{0};
-    const auto within = [&](const Vec3& centre, const Vec3& half) { return !(point_to_box(point - centre, half) > 0.0); };
-    while (!stack.empty()) {
-        const std::int32_t row = stack.back();
-        stack.pop_back();
-        const CellNode& node = nodes[row];
-        if (!within(node.centre, node.half)) continue;
-        if (node.count == 0) stack.insert(stack.end(), {node.second_child, row + 1});
-        for (std::int32_t i = node.first; i < node.first + node.count; ++i)
-            if (within(boxes[i].centre, boxes[i].half)) return true;
-    }
-    return false;
-}
-
 Shape shape_of(const CellBox& box) {
     Shape shape;
     shape.is_box = true;

@@ -39,8 +39,6 @@ struct CellTree {
     // Boxes from `low` (N, 3) to `high` (N, 3), in cells of a side (m), which do not overlap. They are joined along z,
     // then y, then x, if they have a common face.
     CellTree(std::span<const std::int64_t> low, std::span<const std::int64_t> high, double side);
-
-    bool contains(const Vec3& point) const;
 };
 
 // A box as a convex shape.

@@ -27,6 +27,7 @@ from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, Overla
 from pinproof.collision.checking.spec import CheckerSpec, Levels
 from pinproof.collision.geometry.bodies import Body, box_of, make_boxes, shape_bodies
 from pinproof.collision.geometry.shapes import ANYTHING, Mesh, Obstacle
+from pinproof.collision.geometry.surfaces import Cells
 from pinproof.collision.scene import Scene
 from pinproof.description import OVERLAP_REASON, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
@@ -643,7 +644,8 @@ def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
     far = FAR * spec.arm.robot.size
     large = min(LARGEST_MESH, far)
     for body in bodies:
-        if body.extent < large / 2:  # so that no side is larger, unless it is infinite
+        # No side is larger, unless it is infinite; clouds of points may be of any size.
+        if body.extent < large / 2 or isinstance(body.solid, Cells):
             continue
         sides = (body.box[1] - body.box[0]).tolist()
         if max(sides) <= large or body.owner in warned:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.collision.geometry.bodies import Body, shape_bodies
+from pinproof.collision.geometry.bodies import Body, CellsBody, shape_bodies
 from pinproof.collision.geometry.depth_image import DepthPiece, DepthView, RemovedBody
 from pinproof.collision.geometry.inner_shapes import extremes
 from pinproof.collision.geometry.occupancy import OccupancyGrid
@@ -109,6 +109,8 @@ def remove_body(sensed: DepthView | OccupancyGrid, body: Obstacle) -> DepthView 
         given = f"{type(sensed).__name__} and {type(body).__name__}"
         raise InputError(f"remove_body takes a DepthView or an OccupancyGrid and an Obstacle, not {given}")
     parts = shape_bodies(body.name, None, body.shape, body.pose)
+    if parts and isinstance(parts[0], CellsBody):
+        parts = parts[0].as_boxes()
     pieces = tuple(_piece(part, matrix(part.link_from_body)) for part in parts)
     if isinstance(sensed, OccupancyGrid):
         return sensed.cleared(pieces, 0.0, f"in {body.name}")

@@ -42,7 +42,7 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, ground_surface, merged_boxes
+from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, ground_surface
 from pinproof.common.steps import step
 from pinproof.description import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
@@ -64,11 +64,6 @@ MOST_TRIANGLES = 20_000
 
 DEEP = 0.5 * MOST_EXCESS
 """Depth (m) below its hull up to which a surface counts as part of the hull; a mesh without deeper points is convex."""
-
-MOST_BOXES = 1000
-"""Maximum number of boxes of a point cloud or occupancy grid that are bodies of their own; more boxes are one body,
-which the core measures as a whole. With bodies of their own, checks are a few percent faster, but the bodies and pairs
-of a million cells take a minute and six gigabytes."""
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 """Corners of a box with half sides of 1."""
@@ -347,7 +342,7 @@ def one_inside_other(one: Body, at: pin.SE3, other: Body, other_at: pin.SE3) -> 
 
 
 class CellsBody(Body):
-    """An obstacle of so many boxes that they are one body, of which coal's triangles are made on first access."""
+    """Cells as an obstacle, of which coal's triangles are made on first access."""
 
     solid: Cells
     link, support, is_exact, _kind = None, None, False, "cells"
@@ -360,6 +355,16 @@ class CellsBody(Body):
 
     core_shape = cached_property(lambda self: self.solid.core_shape)
 
+    def as_boxes(self) -> list[Body]:
+        """Return each of its boxes as a body."""
+        ends, rotation = self.solid.boxes, self.link_from_body.rotation
+        places = ends.mean(axis=1) @ rotation.T + self.link_from_body.translation
+        shapes = [Box(*sides) for sides in (ends[:, 1] - ends[:, 0]).tolist()]
+        return [
+            shape_body(self.name, self.owner, None, shape, pin.SE3(rotation, at))
+            for shape, at in zip(shapes, places, strict=True)
+        ]
+
     def as_mesh(self) -> Body:
         """Return the same with the triangles of its boxes, for proofs that need facets."""
         at, box = self.link_from_body, self.box
@@ -367,38 +372,16 @@ class CellsBody(Body):
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
-    """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces, or for cells."""
+    """Return the bodies of an obstacle or attached object: several for a mesh of convex pieces."""
     if isinstance(shape, PointCloud | OccupancyGrid):
-        if link is None and len(boxes := Cells.of(shape).boxes) > MOST_BOXES:
-            body = object.__new__(CellsBody)
+        if not len(boxes := Cells.of(shape).boxes):
+            return []
+        if link is None:
             box = np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-            at, cells = frozen(link_from_body), Cells.of(shape)
-            values = {"name": name, "owner": name, "link_from_body": at, "box": box, "solid": cells}
-            body.__dict__.update(values, remark=_remark(shape, None))
+            body = object.__new__(CellsBody)
+            body.__dict__.update(name=name, owner=name, link_from_body=frozen(link_from_body), box=box)
+            body.__dict__.update(solid=Cells.of(shape), remark=_remark(shape, None))
             return [body]
-        # The boxes that together are the occupied cells.
-        low, high = merged_boxes(shape)
-        middles, halves = (low + high) / 2, (high - low) / 2
-        remark, rotation = _remark(shape, None), np.array(link_from_body.rotation)
-        places = middles @ rotation.T + link_from_body.translation
-        corners, boxes = CORNERS * halves[:, None], np.stack([-halves, halves], axis=1)
-        names = [name] if len(low) == 1 else [f"{name}_part_{i}" for i in range(len(low))]
-        parts = zip(names, halves, places, boxes, corners, strict=True)
-        return [
-            Body(
-                part,
-                name,
-                link,
-                coal.Box(*(2 * half)),
-                pin.SE3(rotation, place),
-                box,
-                Support(points),
-                None,
-                remark,
-                name,
-            )
-            for part, half, place, box, points in parts
-        ]
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     stamped, file = _stamped(shape)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations, product
+from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -102,21 +102,19 @@ def _side(shape: CellShape) -> float:
     return shape.resolution if isinstance(shape, PointCloud) else shape.voxel
 
 
-def _rows(shape: CellShape, axis: int = 2) -> tuple[Indices, Indices]:
-    """Return lower and upper corners (N, 3), in cells: of the cells of a point cloud, of the rows of a grid."""
+def _rows(shape: CellShape) -> tuple[Indices, Indices]:
+    """Return lower and upper corners (N, 3), in cells: of the cells of a point cloud, of the rows of a grid along z."""
     if isinstance(shape, PointCloud):
         return shape.cells, shape.cells + 1
     # The rows of a grid are found without a list of its cells: they begin and end where the occupancy changes.
-    along, others = np.moveaxis(shape.occupied, axis, 2), [other for other in range(3) if other != axis]
-    padded = np.zeros((*along.shape[:2], along.shape[2] + 2), dtype=np.int8)
-    padded[:, :, 1:-1] = along
+    nx, ny, nz = shape.cells.shape
+    padded = np.zeros((nx, ny, nz + 2), dtype=np.int8)
+    padded[:, :, 1:-1] = shape.occupied
     change = np.diff(padded, axis=2)
-    first, end = np.argwhere(change == 1), np.argwhere(change == -1)
-    low = np.empty_like(first)
-    low[:, [*others, axis]] = first
+    low = np.argwhere(change == 1)
     high = low + 1
-    high[:, axis] = end[:, 2]
-    return low + shape.low, high + shape.low
+    high[:, 2] = np.argwhere(change == -1)[:, 2]
+    return low + np.array(shape.low), high + np.array(shape.low)
 
 
 def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
@@ -156,36 +154,6 @@ def cell_faces(shape: CellShape) -> tuple[Array, Indices]:
     four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
     return corners.reshape(-1, 3) * _side(shape), triangles
-
-
-def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
-    """Join cells to boxes that cover the same volume: lower corners (N, 3) and upper corners (N, 3), in cells."""
-    # Cells are joined to rows, rows to plates and plates to blocks, in the order of axes that gives the fewest boxes.
-    orders = (_joined(cells, cells + 1, order) for order in permutations(range(3)))
-    return min(orders, key=lambda boxes: len(boxes[0]))
-
-
-def merged_boxes(shape: CellShape) -> tuple[Array, Array]:
-    """Return lower and upper corners (N, 3), in metres, of the boxes that together are the occupied cells."""
-    if isinstance(shape, PointCloud):
-        low, high = merged_cells(shape.cells)
-    else:
-        rows = [(_rows(shape, axis), [other for other in range(3) if other != axis]) for axis in range(3)]
-        orders = (_joined(*ends, order) for ends, others in rows for order in permutations(others))
-        low, high = min(orders, key=lambda boxes: len(boxes[0]))
-    return np.asarray(low * _side(shape)), np.asarray(high * _side(shape))
-
-
-def _joined(low: Indices, high: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
-    for axis in order if len(low) else ():
-        others = [other for other in range(3) if other != axis]
-        sides = [column for other in others for column in (high[:, other], low[:, other])]
-        rank = np.lexsort([low[:, axis], *sides])
-        low, high = low[rank], high[rank]
-        same = (low[1:, others] == low[:-1, others]).all(axis=1) & (high[1:, others] == high[:-1, others]).all(axis=1)
-        same &= low[1:, axis] == high[:-1, axis]
-        low, high = low[np.append(True, ~same)], high[np.append(~same, True)]
-    return low, high
 
 
 class Cells:
@@ -231,7 +199,8 @@ class Cells:
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3) lies in an occupied cell."""
-        return bool(self.core_shape.contains(np.ascontiguousarray(points)).any())
+        low, high = np.moveaxis(self.boxes, 1, 0)
+        return any(((low <= point) & (point <= high)).all(axis=1).any() for point in points)
 
     def content(self) -> bytes:
         """Return its defining numbers, for a hash."""

@@ -1,0 +1,166 @@
+"""Benchmark of costs against size: obstacles, triangles of one mesh, and joints, with the fitted exponents.
+
+./scripts/benchmark scaling                       prints the tables; 2 min
+./scripts/benchmark scaling --largest 10000       up to 10,000 obstacles and triangles
+./scripts/benchmark scaling --docs                rewrites docs/benchmarks/scaling.*
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator
+
+import numpy as np
+
+import pinproof as pp
+from benchmarks.tables import Benchmark, Blocks, Results, Row, fastest, page_parser, provenance, row_table, seconds
+
+COUNTS = {"obstacles": [10, 100, 1000, 10**4, 10**5], "triangles": [10**2, 10**3, 10**4, 10**5, 10**6]}
+JOINTS = [3, 4, 6, 8, 10, 12, 14]
+
+REPEATS, CHECKS = 5, 2000
+"""Runs of each proof, of which the fastest counts, and configurations of one measurement of checks."""
+
+STEP = 0.6
+"""Length (rad) of the edge that is proven."""
+
+COSTS = ("checker", "is_free", "first", "certify")
+"""The measured costs: a checker, a check, the first proof of an edge, and the proof of the same edge again."""
+
+
+def boxes(count: int, rng: np.random.Generator) -> list[pp.Obstacle]:
+    """Boxes of 1 to 5 cm in a cube of 6 m around the robot, except within its reach."""
+    xyz = rng.uniform(-3, 3, (2 * count + 50, 3))
+    xyz = xyz[np.linalg.norm(xyz, axis=1) > 1.1][:count]
+    sizes = rng.uniform(0.01, 0.05, (count, 3)).tolist()
+    return [
+        pp.Obstacle(f"box_{i}", pp.Box(*size), pp.pose(xyz=at))
+        for i, (size, at) in enumerate(zip(sizes, xyz, strict=True))
+    ]
+
+
+def sphere(count: int) -> pp.Mesh:
+    """An exact mesh of about ``count`` triangles: a sphere of 0.6 m."""
+    rows = max(3, round((count / 4) ** 0.5))
+    columns = 2 * rows
+    polar, around = np.pi * np.arange(1, rows) / rows, 2 * np.pi * np.arange(columns) / columns
+    ring = [np.outer(np.sin(polar), f(around)).ravel() for f in (np.cos, np.sin)]
+    points = np.stack([*ring, np.repeat(np.cos(polar), columns)], axis=1)
+    k, j = np.divmod(np.arange((rows - 2) * columns), columns)
+    onward = k * columns + (j + 1) % columns
+    here = k * columns + j
+    sides = np.concatenate(
+        [np.stack([here, here + columns, onward], 1), np.stack([onward, here + columns, onward + columns], 1)]
+    )
+    top, bottom, turn = len(points), len(points) + 1, np.arange(columns)
+    caps = [np.stack([np.full(columns, top), turn, np.roll(turn, -1)], 1)]
+    last = turn + (rows - 2) * columns
+    caps.append(np.stack([np.full(columns, bottom), np.roll(last, -1), last], 1))
+    vertices = 0.3 * np.concatenate([points, [[0, 0, 1], [0, 0, -1]]])
+    return pp.Mesh.from_arrays(vertices, np.concatenate([sides, *caps]), hull=False)
+
+
+def chain(joints: int) -> pp.Arm:
+    """An arm of 1 m with this number of joints, whose axes alternate between z and y."""
+    length = 1.0 / joints
+    shape = f'<origin xyz="0 0 {length / 2}"/><geometry><cylinder radius="0.03" length="{length}"/></geometry>'
+    links = "".join(f'<link name="l{i}"><collision>{shape}</collision></link>' for i in range(joints + 1))
+    limits = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+    axes = ("0 0 1", "0 1 0")
+    chained = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 {length}"/><axis xyz="{axes[i % 2]}"/>{limits}</joint>'
+        for i in range(joints)
+    )
+    return pp.load_robot(f'<robot name="chain">{links}{chained}</robot>').arm(tcp=f"l{joints}")
+
+
+def measured(kind: str, count: int, arm: pp.Arm, scene: pp.Scene, q: np.ndarray, rng: np.random.Generator) -> Row:
+    """Measure the costs (s) of an arm beside a scene."""
+    made: list[pp.CollisionChecker] = []
+
+    def make() -> None:
+        # Obstacles keep their bodies, so that each checker gets new ones.
+        new = [pp.Obstacle(each.name, each.shape, each.pose) for each in scene.obstacles]
+        made[:] = [pp.CollisionChecker(arm, pp.Scene(new))]
+
+    checker = fastest(make, 3 if kind != "triangles" and count < 10**5 else 1)  # of a mesh, the first time counts
+    Q = rng.uniform(-1, 1, (CHECKS, arm.dof)) * arm.limits.upper
+    made[0].is_free_batch(Q[:2])
+    is_free = fastest(lambda: made[0].is_free_batch(Q), 3) / CHECKS
+    edge = pp.JointPath(np.array([q, q + STEP / np.sqrt(arm.dof)]), arm.joint_names)
+    first = seconds(lambda: pp.certify(edge, made[0]))
+    certify = fastest(lambda: pp.certify(edge, made[0]), REPEATS)
+    free = pp.certify(edge, made[0]).free
+    wrong = [] if free else [f"the edge among {count} {kind} is not proven"]
+    return Row(
+        kind=kind, count=count, checker=checker, is_free=is_free, first=first, certify=certify, free=free, wrong=wrong
+    )
+
+
+def rows_of(largest: int, seed: int) -> Iterator[Row]:
+    """Measure all numbers of obstacles and of triangles beside a UR5, and arms of several numbers of joints."""
+    ur5, rng = pp.load_robot("ur5").arm(), np.random.default_rng(seed)
+    q = np.array([0.0, -1.2, 1.0, 0.0, 0.0, 0.0])
+    pp.CollisionChecker(ur5)
+    for count in COUNTS["obstacles"]:
+        if count <= largest:
+            yield measured("obstacles", count, ur5, pp.Scene(boxes(count, rng)), q, rng)
+    for count in COUNTS["triangles"]:
+        if count <= largest:
+            mesh = sphere(count)
+            scene = pp.Scene([pp.Obstacle("sphere", mesh, pp.pose(xyz=(-0.75, 0.0, 0.3)))])
+            yield measured("triangles", len(mesh.triangles), ur5, scene, q, rng)  # type: ignore[arg-type]
+    scene = pp.Scene(boxes(100, rng))
+    for count in JOINTS:
+        arm = chain(count)
+        pp.CollisionChecker(arm)
+        yield measured("joints", count, arm, scene, np.full(count, 0.1), rng)
+
+
+def exponent(rows: list[Row], cost: str) -> float:
+    """Return the slope of the cost against the number on logarithmic scales, by least squares."""
+    numbers = np.log([(row.count, getattr(row, cost)) for row in rows])
+    return float(np.polyfit(*numbers.T, 1)[0])
+
+
+def blocks(results: Results) -> Blocks:
+    """The tables of the page."""
+    every: list[Row] = results["costs"]
+    columns = {
+        "number of": "{.kind}",
+        "number": "{.count:,}",
+        "scene and checker [ms]": lambda row: f"{1e3 * row.checker:.2f}",
+        "`is_free` [µs]": lambda row: f"{1e6 * row.is_free:.2f}",
+        "first `certify` [ms]": lambda row: f"{1e3 * row.first:.2f}",
+        "`certify` again [ms]": lambda row: f"{1e3 * row.certify:.3f}",
+    }
+    kinds = dict.fromkeys(row.kind for row in every)
+    fitted = [
+        Row(kind=kind, **{cost: exponent([row for row in every if row.kind == kind], cost) for cost in COSTS})
+        for kind in kinds
+    ]
+    titles = ("scene and checker", "`is_free`", "first `certify`", "`certify` again")
+    slopes = {"exponent of": "{.kind}"}
+    for title, cost in zip(titles, COSTS, strict=True):
+        slopes[title] = f"{{.{cost}:.2f}}"
+    return {"costs": row_table(columns, every), "exponents": row_table(slopes, fitted)}
+
+
+def measure(options: Namespace) -> Results:
+    """Measure with the arguments of the command line."""
+    return Results(
+        {"largest": options.largest},
+        provenance(options.seed),
+        {"costs": list(rows_of(options.largest, options.seed))},
+    )
+
+
+BENCHMARK = Benchmark("scaling", measure, blocks)
+
+
+def main() -> None:
+    """Run the benchmark with the arguments of the command line."""
+    parser = page_parser(__doc__, "scaling")
+    parser.add_argument("--largest", type=int, default=10**6, help="the largest number of obstacles and of triangles")
+    BENCHMARK.run(parser)

@@ -89,6 +89,21 @@ def test_cells_as_one_body_have_the_verdicts_of_their_boxes(ur5, name: str, seed
             assert as_one.clearance <= as_many.observed + 1e-9
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_links_as_exact_meshes_have_the_verdicts_of_the_boxes(panda, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    one, many = both(panda, cloud(rng), pp.pose(), link_meshes="mesh", margin=0.002)
+    Q = rng.uniform(panda.limits.lower, panda.limits.upper, (300, 7))
+    Q = Q[one.is_free_batch(Q)][:40]
+    assert len(Q) > 10
+    ends = np.clip(Q + 0.1 * rng.normal(size=Q.shape), panda.limits.lower, panda.limits.upper)
+    for pair in zip(Q, ends, strict=True):
+        edge = pp.JointPath(np.array(pair), panda.joint_names)
+        assert is_proven_free(edge, one) == is_proven_free(edge, many)
+        as_one, as_many = pp.certify(edge, one), pp.certify(edge, many)
+        assert as_one.status is as_many.status
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_triangles_of_cells_enclose_their_volume(name: str) -> None:
     shape = SHAPES[name](np.random.default_rng(3))

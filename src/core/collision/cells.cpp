@@ -117,7 +117,9 @@ DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transfo
     const auto measure = [&](std::int32_t i, Separation& of_box) {
         DistanceQuery closer = query;
         closer.above = std::min(query.above, bounds.upper);
+        of_box.of_b = 0;  // For a mesh, a box is one convex body. The simplex is of the triangle and of this box.
         const DistanceBounds found = bound_distance(a, shape_of(tree.boxes[i]), a_from_b, closer, of_box);
+        of_box.of_b = i;
         bounds.lower = std::min(bounds.lower, found.lower);
         const bool best = found.upper < bounds.upper;
         if (best) bounds.upper = found.upper;
@@ -136,7 +138,6 @@ DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transfo
             if (ended || i == earlier) return ended;
             Separation of_box;
             of_box.direction = a_from_b * tree.boxes[i].centre - a.centre;
-            of_box.of_b = i;
             if (measure(i, of_box) || separation.of_b < 0) separation = of_box;
             return ended = decided();
         },

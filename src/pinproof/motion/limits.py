@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.model import JointLimits, distinct
-from pinproof.motion.curve import Bezier, BezierCurve, Curve, TimedCurve, argmax, extremes, parameter_text
+from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, is_timed, parameter_text
 from pinproof.spatial import Array
 
 RATE_TOLERANCE = 1e-9
@@ -278,13 +278,14 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
     names = curve.joint_names
     if len(limits) != len(names):
         raise InputError(f"limits are those of {len(limits)} joints; the curve has {len(names)}: {', '.join(names)}")
-    timed = isinstance(curve, TimedCurve)
+    timed = is_timed(curve)
     velocity = np.where(np.isnan(limits.velocity) | (not timed), np.inf, limits.velocity)
     # Accelerations that follow from the velocity limit by default say nothing about the robot.
     open_ended = limits.guessed | np.isnan(limits.acceleration) | (not timed)
     acceleration = np.where(open_ended, np.inf, limits.acceleration)
     ranges: list[tuple[Quantity, Array, Array]] = [("position", limits.lower, limits.upper)]
-    ranges += [("velocity", -velocity, velocity), ("acceleration", -acceleration, acceleration)]
+    if timed:
+        ranges += [("velocity", -velocity, velocity), ("acceleration", -acceleration, acceleration)]
     pieces = Bezier(*curve.bezier())
     knots, control = pieces
     width = np.diff(knots)[:, None]
@@ -297,7 +298,8 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
             # The pieces of the next derivative. The acceleration is infinite where the velocity jumps.
             if order == 2:
                 step = np.abs(control[1:, 0] - control[:-1, -1])
-                jump = np.pad(step > LIMIT_TOLERANCE + rounding[1:] + rounding[:-1], ((1, 0), (0, 0)))
+                jump = np.zeros((len(width), len(names)), dtype=bool)
+                jump[1:] = step > LIMIT_TOLERANCE + rounding[1:] + rounding[:-1]
             rise = 2.0 * pieces.degree * rounding
             rounding = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
             pieces = curve.derivative(order) if isinstance(curve, BezierCurve) else pieces.derivative()

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from scipy.optimize import linprog
+from scipy.optimize import linprog, nnls
 
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
+from pinproof.common.least_squares import non_negative_shares
 from pinproof.picks import GripLimits, GripperFingers, PickBudget, PickSetup, PlaceTarget, Stage, SuctionCup
 from pinproof.picks.judging import grip
 from pinproof.picks.judging.grip import HeldPart, balanced, grip_by_cup
@@ -205,15 +206,19 @@ def test_forces_balance_where_a_linear_program_has_a_solution() -> None:
         angle = rng.choice([0.1, 0.46, 0.8])
         expected = []
 
-        def program(system: np.ndarray, wanted: np.ndarray, expected: list[bool] = expected) -> bool:
+        def program(system: np.ndarray, wanted: np.ndarray, expected: list[bool] = expected) -> np.ndarray:
             answer = linprog(np.zeros(system.shape[1]), A_eq=system, b_eq=wanted, bounds=(0, None), method="highs")
             expected.append(answer.status == 0)
-            return expected[-1]
+            shares = non_negative_shares(system, wanted)
+            reference, distance = nnls(system, wanted)
+            assert (shares >= 0.0).all()
+            assert np.linalg.norm(system @ shares - wanted) == pytest.approx(distance, abs=1e-9)
+            return reference
 
         with pytest.MonkeyPatch.context() as patch:
             found = balanced(patches, angle)
-            patch.setattr(grip, "_has_solution", program)
-            balanced(patches, angle)
+            patch.setattr(grip, "non_negative_shares", program)
+            assert balanced(patches, angle) is found
         assert expected == [found]
         compared, balancing = compared + 1, balancing + found
     assert 20 < balancing < compared - 20

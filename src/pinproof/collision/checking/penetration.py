@@ -19,6 +19,7 @@ from pinproof.collision.checking.line_surface import TOUCH, LineSurface, travel_
 from pinproof.collision.checking.placed_bodies import GJK_SLACK, Distance, MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support
 from pinproof.collision.geometry.hulls import winding_number
+from pinproof.common.least_squares import non_negative_shares
 from pinproof.spatial import SE3, Array, translated
 
 BRACKET = 1e-6
@@ -233,8 +234,6 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
     beyond all planes that are at most ``most`` away, for contacts in corners (C. L. Lawson, R. J. Hanson, 1974,
     "Solving least squares problems", chapter 23).
     """
-    from scipy.optimize import nnls
-
     # The triangles of each mesh that touch the other body.
     request, found = coal.CollisionRequest(), coal.CollisionResult()
     request.num_max_contacts = CONTACTS
@@ -265,7 +264,7 @@ def _ways_out(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, most
         return axes
     # The shortest displacement beyond all planes is a problem of least squares with weights of 0 or more.
     system = shallow.T  # the last row holds the distances
-    residual = system @ nnls(system, np.array([0.0, 0.0, 0.0, 1.0]))[0] - [0.0, 0.0, 0.0, 1.0]
+    residual = system @ non_negative_shares(system, np.array([0.0, 0.0, 0.0, 1.0])) - [0.0, 0.0, 0.0, 1.0]
     length = float(np.linalg.norm(residual[:3]))
     corner = [-residual[:3] / np.copysign(length, residual[3])] if length > 0.0 and residual[3] else []
     return [*corner, *shallow[np.argsort(shallow[:, 3])[:PLANES], :3], *axes]

@@ -46,6 +46,7 @@ from pinproof.collision import (
     point_distance,
     travel_to_touch,
 )
+from pinproof.common.least_squares import non_negative_shares
 from pinproof.common.structs import OPTIONAL_NUMBER, key, struct
 from pinproof.description import UrdfJoint, moved_by
 from pinproof.model import Arm, JointGroup, chain_of, held_values
@@ -60,9 +61,6 @@ AREA_DIGITS = 12
 
 BALANCE_TOLERANCE = 1e-7
 """The sum of forces and torques may differ from zero by this share of the forces along the normals."""
-
-MOST_EXCHANGES, VANISHED = 500, 1e-15
-"""Largest number of forces that are taken into a balance, of which 10 to 30 are usual, and a share that counts as 0."""
 
 SAME_PLACE = 1e-7
 """Metres: contacts closer to each other than this are considered coincident."""
@@ -90,37 +88,9 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
     size = max(float(np.linalg.norm(at - centre, axis=1).max()), SAME_PLACE)
     torque = np.cross((at - centre) / size, force)
     balance = np.concatenate([force.T, torque.T, np.concatenate(normals)[None]])
-    return _has_solution(balance, np.array([0.0] * 6 + [1.0]))
-
-
-def _has_solution(system: Array, wanted: Array) -> bool:
-    """Whether a combination of the columns (m, k) with shares of 0 or more is the wanted vector (m,).
-
-    Source: C. Lawson, R. Hanson, "Solving least squares problems" (1974), chapter 23 (algorithm NNLS).
-    """
-    shares, used = np.zeros(system.shape[1]), np.zeros(system.shape[1], dtype=bool)
-    for _ in range(MOST_EXCHANGES):
-        left = wanted - system @ shares
-        if np.linalg.norm(left) <= BALANCE_TOLERANCE:
-            return True
-        # The column that reduces the rest most is used too; without any, the rest is the smallest possible
-        gain = np.where(used, -np.inf, left @ system)
-        if gain.max() <= BALANCE_TOLERANCE * float(np.linalg.norm(left)):
-            return False
-        used[gain.argmax()] = True
-        while True:
-            rows = np.flatnonzero(used)
-            best = np.linalg.lstsq(system[:, rows], wanted, rcond=None)[0]
-            if (best > 0.0).all():
-                shares[rows] = best
-                break
-            # As far towards the best shares as all remain positive, and without those that become 0
-            shrink = best <= 0.0
-            step = (shares[rows] / np.maximum(shares[rows] - best, np.finfo(float).tiny))[shrink].min()
-            shares[rows] += step * (best - shares[rows])
-            used[rows[shrink & (shares[rows] <= VANISHED)]] = False
-            shares[~used] = 0.0
-    return False
+    wanted = np.array([0.0] * 6 + [1.0])
+    rest = balance @ non_negative_shares(balance, wanted) - wanted
+    return bool(np.linalg.norm(rest) <= BALANCE_TOLERANCE)
 
 
 def _cone(normal: Array, angle: float) -> Array:

@@ -105,6 +105,8 @@ class Placer:
     def __init__(self, task: PickTask, seed: int) -> None:
         self.task, self.seed = task, seed
         self.kept: dict[tuple[Hashable, ...], Any] = {}
+        self.impossible: dict[str, dict[int, Release]] = {}
+        """The releases, by the words of the family member and their index, whose lines are impossible."""
 
     @once_per_grasp
     def releases(self, member: Member) -> Array:
@@ -191,14 +193,16 @@ class Placer:
 
     def cannot_place(self, member: Member) -> bool:
         """Whether the lines of every release of a family member are known to be impossible."""
-        count = len(self.releases(member))
-        known = (self.kept.get(("lines", member.words, k, self.task.place)) for k in range(count))
-        return count > 0 and all(down is not None and down.why for down in known)
+        impossible = self.impossible.get(member.words, ())
+        return len(impossible) > 0 and len(impossible) == len(self.releases(member))
 
     @once_per_grasp
     def lines(self, member: Member, index: int, place: PlaceTarget) -> Release:
         """The lines of one of the releases."""
-        return release_lines(self.task, place, member, self.releases(member)[index])
+        down = release_lines(self.task, place, member, self.releases(member)[index])
+        if down.why:
+            self.impossible.setdefault(member.words, {})[index] = down
+        return down
 
     def goals(self, attempt: Attempt, down: Release) -> Array:
         """(k, n) the full rotations of the lines of a release within the limits; zero if none are."""
@@ -257,9 +261,13 @@ class PlaceSearch:
         self, placer: Placer, attempt: Attempt, seeds: list[int], scores: Scores, tried: list[int], bounds: list[float]
     ) -> None:
         self._placer, self._attempt, self._seeds, self._scores, self._tried = placer, attempt, seeds, scores, tried
-        self._queue: list[tuple[float, int, Release | None]] = [(-bound, k, None) for k, bound in enumerate(bounds)]
+        known = placer.impossible.get(attempt.candidate.member.words, {})
+        self._queue: list[tuple[float, int, Release | None]] = [
+            (-bound, k, None) for k, bound in enumerate(bounds) if tried[k] not in known
+        ]
         heapq.heapify(self._queue)
-        self._without_lines, self._without_transfer = dict[int, StageResult](), list[StageResult]()
+        self._without_lines = {k: _failure(known[index]) for k, index in enumerate(tried) if index in known}
+        self._without_transfer: list[StageResult] = []
         self.succeeded = False
 
     def __len__(self) -> int:

@@ -271,3 +271,28 @@ def test_certified_edges_among_bodies_of_every_kind_are_free(name: str, seed: in
             pin.updateGeometryPlacements(arm.model, model_data, geometry, data, arm.model_configuration(q))
             assert not any(pin.computeCollision(geometry, data, k) for k in range(len(geometry.collisionPairs)))
     assert free or len(at) > 8
+
+
+@pytest.mark.parametrize("reach", [0.02, 0.1, 0.4])
+def test_no_short_edge_that_ends_in_contact_is_free(reach: float) -> None:
+    """Both as a quick proof and with figures: most obstacles are far from such an edge and left out."""
+    rng, arm = np.random.default_rng(3), pp.load_robot("ur5").arm()
+    at = rng.normal(size=(60, 3))
+    at *= (rng.uniform(1.0, 1.5, 60) / np.linalg.norm(at, axis=1))[:, None]
+    shapes = [KINDS[k] for k in rng.integers(len(KINDS), size=60) if KINDS[k] is not ROUND["half-space"]]
+    places = [pp.pose(x, rng.uniform(-3, 3, 3)) for x in at[: len(shapes)]]
+    named = zip(shapes, places, strict=True)
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle(f"o{i}", *each) for i, each in enumerate(named)]))
+    ends, judged = rng.uniform(-3, 3, (20_000, arm.dof)), 0
+    starts = ends + reach * rng.uniform(-1, 1, ends.shape)
+    enters = checker.is_free_batch(starts) & ~checker.is_free_batch(ends)
+    for start, hit in list(zip(starts[enters], ends[enters], strict=True))[:80]:
+        judged += 1
+        curve = pp.JointPath(np.array([start, hit, start]), arm.joint_names)
+        state = _core.ProofState()
+        settings = _core.ProofSettings(tolerance=1e-4, max_intervals=2000)
+        for each in (curve, pp.JointPath(np.array([start, hit]), arm.joint_names)):
+            knots, control = (np.ascontiguousarray(part) for part in each.bezier())
+            assert not _core.prove(checker.world, knots, control, settings, np.zeros(arm.dof), state).free
+            assert not pp.certify(each, checker, limits=None).free
+    assert judged > 20

@@ -14,6 +14,7 @@ TOPICS = {
     "depth": "occupancy grids of depth images",
     "scaling": "costs against the number of obstacles, triangles and joints",
     "picks": "picks, screening, campaigns and durations",
+    "own_cells": "picks among CAD meshes, and edges beside exact meshes",
     "sequence": "the order of picks",
     "cell": "base placement",
     "rates": "bounds of torque and tool motion against dense samples; the table of docs/dynamics.md",

@@ -28,6 +28,9 @@ GRIP = {"nut": 0.028, "tube": 0.024, "tee": 0.020}
 
 KINDS = ("nut", "tube", "tee")
 
+PARTS = 12
+"""Number of parts in the tote."""
+
 
 def _part(kind: str) -> trimesh.Trimesh:
     """A part about the middle of its grasp, lying on its side or end (m)."""
@@ -61,8 +64,8 @@ def _tote() -> trimesh.Trimesh:
     return union([hollow, *dividers])
 
 
-def write_cell(folder: Path, seed: int = 0, count: int = 12) -> Path:
-    """Write the cell with ``count`` parts to an existing folder, and return its file of picks."""
+def write_cell(folder: Path, seed: int = 0) -> Path:
+    """Write the cell to an existing folder, which is returned."""
     rng = np.random.default_rng(seed)
     rim = difference(
         [
@@ -81,17 +84,12 @@ def write_cell(folder: Path, seed: int = 0, count: int = 12) -> Path:
         {"name": "column", "cylinder": {"radius": 0.03, "length": 0.6}, "xyz": [0.30, -0.28, 0.3]},
     ]
     picks: list[dict[str, Any]] = []
-    taken: list[tuple[np.ndarray, int]] = []
-    for number in range(count):
+    for number in range(PARTS):
         kind, name = KINDS[number % 3], f"{KINDS[number % 3]}_{number + 1}"
         low = -float(_part(kind).bounds[0, 2])
-        # A random place in one of the compartments, 75 mm or more from its other parts
-        while True:
-            compartment = int(rng.integers(4))
-            place = np.array([-0.15 + 0.1 * compartment, 0.0]) + rng.uniform([-0.012, -0.105], [0.012, 0.105])
-            if all(other != compartment or np.linalg.norm(place - here) > 0.075 for here, other in taken):
-                break
-        taken.append((place, compartment))
+        # Three rows in each of the four compartments
+        slot = np.array([-0.15 + 0.1 * (number % 4), 0.085 * (number // 4 - 1)])
+        place = slot + rng.uniform([-0.012, -0.005], [0.012, 0.005])
         turn = rotation_matrix(
             rng.uniform(-np.pi, np.pi) if kind == "nut" else np.pi / 2 + rng.uniform(-0.3, 0.3), [0, 0, 1]
         )

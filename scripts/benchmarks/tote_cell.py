@@ -108,7 +108,7 @@ def write_cell(folder: Path, seed: int = 0) -> Path:
                 "name": name,
                 "frame": name,
                 "object": name,
-                "xyz": [0, 0, 0.004],
+                "xyz": [0.022 if kind == "tee" else 0, 0, 0.004],
                 "rpy": ["pi", 0, 0],
                 "place": {"object_pose": {"xyz": put.tolist()}, "approach": 0.06, "retreat": 0.06},
             }

@@ -186,6 +186,7 @@ class _Truth:
         self._points = [np.array(g.points())[0] if hasattr(g, "points") else np.zeros(3) for g in geometries]
         self._moving = [coal.CollisionObject(geometry) for geometry in geometries]
         self._manager, self._solids = coal.DynamicAABBTreeCollisionManager(), []
+        poses, farthest = [], []
         self._fixed = []  # the manager does not keep what is registered
         for thing in scene.obstacles:
             pose = thing.pose
@@ -194,8 +195,12 @@ class _Truth:
                 self._manager.registerObject(self._fixed[-1])
             if isinstance(thing.shape, Mesh):
                 solid = trimesh.Trimesh(np.array(thing.shape.vertices), np.array(thing.shape.triangles), process=False)
-                self._solids.append((solid, pose))
+                self._solids.append(solid)
+                poses.append(pose.inverse().homogeneous)
+                farthest.append(np.abs(solid.bounds).max(axis=0))
         self._manager.setup()
+        # Poses (S, 4, 4) of the root in the frames of the closed meshes, and half of the boxes (S, 3) around them
+        self._from_root, self._half = np.array(poses).reshape(-1, 4, 4), np.array(farthest).reshape(-1, 3)
 
     def place(self, q: Array) -> None:
         """Place the links at a configuration."""
@@ -216,12 +221,9 @@ class _Truth:
     def inside(self) -> bool:
         """Whether a point of a link is in a closed mesh: on an edge without contact, one configuration decides it."""
         points = np.array([place.act(point) for place, point in zip(self._placed.oMg, self._points, strict=True)])
-        for solid, pose in self._solids:
-            own = (points - pose.translation) @ pose.rotation
-            near = (np.abs(own) <= np.abs(solid.bounds).max(axis=0)).all(axis=1)
-            if near.any() and solid.contains(own[near]).any():
-                return True
-        return False
+        own = np.einsum("sij,pj->spi", self._from_root[:, :3, :3], points) + self._from_root[:, None, :3, 3]
+        near = (np.abs(own) <= self._half[:, None]).all(axis=2)
+        return any(self._solids[k].contains(own[k, near[k]]).any() for k in np.flatnonzero(near.any(axis=1)))
 
 
 def edge_row(count: int, edges: int, seed: int) -> Row:

@@ -16,7 +16,8 @@ from benchmarks.tables import FOLDER, Benchmark
 from ..pages import ROOT, run_page
 
 PAGES = (
-    "ik", "planning", "collision", "several_arms", "reuse", "depth", "scaling", "picks", "own_cells", "sequence", "cell",
+    "ik", "planning", "collision", "several_arms", "reuse", "depth", "scaling", "picks", "own_cells", "sequence",
+    "cell",
 )  # fmt: skip
 ALL = {name: import_module(f"benchmarks.{name}").BENCHMARK for name in PAGES} | {"motion": MOTION}
 

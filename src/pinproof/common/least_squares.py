@@ -14,6 +14,9 @@ Array = npt.NDArray[np.float64]
 TOLERANCE = 1e-12
 """A column whose product with the rest is at most this share of the rest does not reduce it."""
 
+SOLVED = 1e-12
+"""Share of the wanted vector that counts as no rest."""
+
 MOST_EXCHANGES, VANISHED = 1000, 1e-15
 """Largest number of columns that are taken, of which 5 to 30 are usual, and a share that counts as 0."""
 
@@ -22,10 +25,11 @@ def non_negative_shares(system: Array, wanted: Array) -> Array:
     """The shares (k,), 0 or more, with which the columns (m, k) come nearest to the wanted vector (m,)."""
     shares, used = np.zeros(system.shape[1]), np.zeros(system.shape[1], dtype=bool)
     for _ in range(MOST_EXCHANGES):
-        # The column that reduces the rest most is used too; without any, the rest is the smallest possible
+        # The column that reduces the rest most is used too; without any, the rest is the smallest possible. Columns
+        # exchange places without end where the rest consists of rounding errors only
         left = wanted - system @ shares
-        gain = np.where(used, -np.inf, left @ system)
-        if gain.max(initial=-np.inf) <= TOLERANCE * max(float(np.linalg.norm(left)), TOLERANCE):
+        gain, rest = np.where(used, -np.inf, left @ system), float(np.linalg.norm(left))
+        if rest <= SOLVED * float(np.linalg.norm(wanted)) or gain.max(initial=-np.inf) <= TOLERANCE * rest:
             break
         used[gain.argmax()] = True
         while True:

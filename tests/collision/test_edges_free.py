@@ -72,3 +72,26 @@ def test_arrays_that_do_not_fit_are_refused(cell: pp.CollisionChecker, edges) ->
     ):
         with pytest.raises(InputError, match=named):
             cell.edges_free(a, b, threads=threads)
+
+
+ROD = """<robot name="rod"><link name="base"/>
+<link name="rod"><collision><geometry><box size="2 0.04 0.04"/></geometry></collision></link>
+<link name="tip"/>
+<joint name="turn" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint>
+<joint name="end" type="fixed"><parent link="rod"/><child link="tip"/><origin xyz="1 0 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("rails", [1, 40])
+def test_a_rod_that_turns_about_its_middle_into_a_rail_beside_it_is_not_free(rails: int) -> None:
+    """In the middle of the edge the rod is parallel to the rail, and its middle, which does not move, is 0.2 m away."""
+    arm = pp.load_robot(ROD).arm(tcp="tip")
+    far = [pp.Obstacle(f"far_{k}", pp.Box(0.1, 0.1, 0.1), pp.pose((0.2 * k - 4, 3, 0))) for k in range(rails - 1)]
+    rail = pp.Obstacle("rail", pp.Box(2, 0.02, 0.02), pp.pose((0, 0.2, 0)))
+    checker = pp.CollisionChecker(arm, pp.Scene([rail, *far]))
+    assert checker.edges_free([[-0.3], [-0.1]], [[0.3], [0.1]]).tolist() == [False, True]
+    path = pp.JointPath([[-0.3], [0.3]], arm.joint_names)
+    assert not is_proven_free(path, checker)  # without samples at the ends
+    certificate = pp.certify(path, checker)
+    assert certificate.first_contact is not None
+    assert abs(certificate.first_contact.q[0]) > 0.15

@@ -430,7 +430,10 @@ def _evidence(proof: Proof, certificate: Any, checker: CollisionChecker) -> tupl
         for k in np.flatnonzero(unknown & ~meshes).tolist():
             measured = checker._placed(bounds.q[at[k]]).measure(int(claims.pair[k]))
             claims.u[k] = np.round(measured.normal, DIGITS)
-        shapes += [_hull_of(part.points) for part in parts.bodies[len(shapes) - len(proof.bodies) :]]
+        # A part of a mesh is the hull of its points
+        for part in parts.bodies[len(shapes) - len(proof.bodies) :]:
+            box = np.array([part.points.min(axis=0), part.points.max(axis=0)])
+            shapes.append(CoreShape.convex(part.points, np.zeros(len(part.points)), 0.0, np.zeros(3), box))
         frames = [bounds.frames(members[meshes, side], at[meshes]).reshape(-1, 16) for side in (0, 1)]
         a, b = ([shapes[i] for i in members[meshes, side].tolist()] for side in (0, 1))
         claims.u[meshes] = np.round(separating_directions(a, b, *frames), DIGITS)
@@ -463,12 +466,6 @@ def _evidence(proof: Proof, certificate: Any, checker: CollisionChecker) -> tupl
             row["parts"] = proven.ranges[mine][:, of_mesh[k]].reshape(len(mine), -1).tolist()
         listed.append(row)
     return table.tolist(), listed
-
-
-def _hull_of(points: Array) -> CoreShape:
-    """Return the hull of points (V, 3) as the compiled core uses it."""
-    box = np.array([points.min(axis=0), points.max(axis=0)])
-    return CoreShape.convex(points, np.zeros(len(points)), 0.0, np.zeros(3), box)
 
 
 def final_evidence(evidence: Array | None) -> Array:

@@ -18,7 +18,7 @@ from benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Sphere, certify
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, JointPath, time_parametrise
-from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, sampling_box, simplify
+from pinproof.planning import DEFAULT_PLANNER, RrtConnect, planner_of, sampling_box, simplify
 from pinproof.spatial import matrix
 
 STEPS = ("plan", "simplify", "time", "certify")
@@ -84,7 +84,7 @@ class Stopwatch:
 
 
 def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker) -> Solve:
-    planner = make_planner(planner_name, time_limit=TIME_LIMIT)
+    planner = planner_of(planner_name, time_limit=TIME_LIMIT)
 
     def solve(seed: int) -> PlanAnswer:
         watch = Stopwatch()
@@ -116,11 +116,11 @@ def own_method(planner: str) -> PlanMethod:
     Raises
     ------
     UnknownNameError
-        If ``planner`` is not a key of :data:`pinproof.planning.PLANNERS`.
+        If there is no planner with this name.
     InputError
         If the library of the planner is not installed.
     """
-    make_planner(planner)
+    planner_of(planner)
     names = (OURS, OURS) if planner == DEFAULT_PLANNER else (f"{OURS}_{planner}", f"{OURS}, {planner}")
     return PlanMethod(*names, partial(_prepare, planner))
 

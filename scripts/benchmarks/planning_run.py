@@ -290,7 +290,7 @@ def plan_benchmark(
     ``robots`` are catalogue names or robot files for our scenes. The problems of the folder ``mbm`` come first, for
     ``robot``, which is by default the URDF beside them or the robot that they name. ``sets`` selects some of all sets:
     ``"ur5/shelf"``, or a part of it such as ``"shelf"``; ``problems`` is the largest number in each. ``planners`` are
-    named as for :func:`pinproof.planning.make_planner`, and ``peers`` are all other libraries, none or some, of which
+    named as for :func:`pinproof.planning.planner_of`, and ``peers`` are all other libraries, none or some, of which
     those that cannot be run are listed with the reason. Of ``repeats`` runs the fastest counts.
     """
     if repeats < 1 or (problems is not None and problems < 1):

@@ -180,7 +180,7 @@ def given() -> SimpleNamespace:
         (lambda g: pp.planning.coordinate(g.of_two, {"left": None}), "motion of 'left'.* type Trajectory"),
         (
             lambda g: pp.planning.plan_arms(g.of_two, g.two.home, g.two.home, planner="x"),
-            "planner must have the methods plan and limited_to; 'x' lacks plan",
+            "planner 'x'.* valid: MODULE:CLASS, rrt_connect",
         ),
     ],
 )

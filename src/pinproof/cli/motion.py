@@ -73,7 +73,7 @@ class PlanOptions:
 
     blend: bool = option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
     planner: str = option(
-        "The planner: rrt_connect, or MODULE:CLASS for a class with the methods of pinproof.planning.Planner.",
+        "The planner: rrt_connect, or MODULE:CLASS for a class with the method of pinproof.planning.Planner.",
         "rrt_connect",
         metavar="PLANNER",
     )
@@ -124,7 +124,7 @@ def plan(
         found = pp.plan(
             setup.checker(arm, world),
             *ends,
-            planner=pp.planning.make_planner(effort.planner),
+            planner=effort.planner,
             blend=effort.blend,
             jerk=jerk,
             rate_limits=limits,

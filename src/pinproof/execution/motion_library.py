@@ -338,7 +338,7 @@ class MotionLibrary(Shown):
         self,
         name: str,
         *,
-        planner: Planner | None = None,
+        planner: Planner | str | None = None,
         clearance: float = 0.0,
         jerk: npt.ArrayLike | None = None,
         rng: int = 0,

@@ -7,24 +7,22 @@ from pinproof.planning.follow import Route, RouteFollower
 from pinproof.planning.motion_plan import MotionPlan, plan
 from pinproof.planning.moves import MovingEnds
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.planners import (
-    DEFAULT_PLANNER,
+from pinproof.planning.plan_results import (
     LinearPlanResult,
     LinearStatus,
-    Planner,
     PlanProgress,
     PlanResult,
     PlanStatus,
     PosesPlanResult,
-    make_planner,
-    planner_of,
 )
+from pinproof.planning.planners import DEFAULT_PLANNER, CertifiedPlanner, Planner, planner_of
 from pinproof.planning.problem import Edges, Ends, find_barriers, no_path_message, read_ends, sampling_box, with_turns
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, blend, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",
+    "CertifiedPlanner",
     "CoordinationResult",
     "Edges",
     "Ends",
@@ -46,7 +44,6 @@ __all__ = [
     "blend",
     "coordinate",
     "find_barriers",
-    "make_planner",
     "no_path_message",
     "optimise",
     "plan",

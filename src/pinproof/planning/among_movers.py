@@ -31,7 +31,7 @@ from pinproof.description import moved_by
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, least_times, time_parametrise
-from pinproof.planning.planners import PlanAnswer, PlanResult, PlanStatus
+from pinproof.planning.plan_results import PlanAnswer, PlanResult, PlanStatus
 from pinproof.planning.problem import Ends, read_ends, sampling_box
 from pinproof.planning.rrt_connect import SEARCH_PAD, RrtConnect
 from pinproof.planning.simplification import shortcut

@@ -23,7 +23,7 @@ from pinproof.planning.follow import (
     nearest_target,
     routes_through,
 )
-from pinproof.planning.planners import LinearPlanResult, LinearStatus, PosesPlanResult
+from pinproof.planning.plan_results import LinearPlanResult, LinearStatus, PosesPlanResult
 from pinproof.spatial import SE3, Array, rigid, rigid_many
 
 # Maximum number of configurations that are tried at the first pose; those nearest to the home configuration.

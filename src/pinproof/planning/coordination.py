@@ -26,7 +26,8 @@ from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
 from pinproof.model import guess_mark
 from pinproof.motion import JointPath, Trajectory, synchronise, time_parametrise
-from pinproof.planning.planners import Planner, planner_of
+from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
+from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import shortcut
 
 # Seconds between the delays that are tried: a small part of a usual motion.
@@ -147,7 +148,7 @@ def plan_arms(
     start: npt.ArrayLike,
     goals: npt.ArrayLike,
     *,
-    planner: Planner | None = None,
+    planner: Planner | str | None = None,
     step: float = STEP,
     rng: Rng = 0,
 ) -> CoordinationResult:
@@ -220,7 +221,7 @@ def _one_after_the_other(
     start: npt.NDArray[np.float64],
     goal: npt.NDArray[np.float64],
     order: Sequence[str],
-    planner: Planner,
+    planner: RrtConnect | CertifiedPlanner,
     seed: int,
 ) -> tuple[dict[str, Trajectory], str]:
     """The motion of each arm with those before it at the goal and those after it at the start, or the reason."""

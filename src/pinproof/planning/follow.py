@@ -34,7 +34,7 @@ from pinproof.errors import InputError
 from pinproof.ik import NEAR_LIMIT, IkTask, TaskName, make_task, track
 from pinproof.model import Arm
 from pinproof.motion import REVERSAL, CubicPath, corner_spacing
-from pinproof.planning.planners import LinearStatus
+from pinproof.planning.plan_results import LinearStatus
 from pinproof.spatial import SE3, Array, log6, matrix
 
 Flags = npt.NDArray[np.bool_]

@@ -13,7 +13,8 @@ from pinproof.common.results import Answer, View
 from pinproof.errors import PlanFailed
 from pinproof.motion import RateConstraint, TorqueLimits, Trajectory
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.planners import Planner, PlanResult, planner_of
+from pinproof.planning.plan_results import PlanResult
+from pinproof.planning.planners import Planner, planner_of
 from pinproof.planning.simplification import SimplifyResult, simplify
 
 
@@ -108,7 +109,7 @@ def plan(
     start: npt.ArrayLike,
     goals: npt.ArrayLike,
     *,
-    planner: Planner | None = None,
+    planner: Planner | str | None = None,
     blend: bool = True,
     jerk: float | Literal["limits"] | None = None,
     rate_limits: Sequence[RateConstraint] = (),

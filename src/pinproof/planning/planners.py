@@ -1,213 +1,73 @@
-"""What a planner is, and the results of planners and of Cartesian moves: a certified curve or the reason of a failure.
+"""What a planner is, and how the paths of planners of other packages are proven.
 
-Any object with the methods of :class:`Planner` is a planner; the command line and the picks name one as
-``module:Class``.
+Any object with the method of :class:`Planner` is a planner, wherever one is used: in :func:`pinproof.plan`, in picks
+and cells, in libraries of motions, and on the command line, which names it ``module:Class``.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+import inspect
+import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from importlib import import_module
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, Contact, PathConstraint
-from pinproof.common.results import Answer, Solution, View
-from pinproof.errors import InputError, PlanFailed, UnknownNameError
-from pinproof.motion import BlendedPath, CubicPath, JointPath, TorqueLimits
+from pinproof.collision import CollisionChecker, PathConstraint, certify, check_constraints
+from pinproof.common.validation import require_type
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.motion import JointPath, TorqueLimits
+from pinproof.planning.plan_results import PlanResult, PlanStatus
+from pinproof.planning.problem import find_barriers, no_path_message, read_ends
+from pinproof.planning.rrt_connect import SAME_GOAL, RrtConnect
+from pinproof.spatial import Array
 
-
-class LinearStatus(Enum):
-    """The outcome of a linear move, or of a move through poses."""
-
-    COMPLETE = "complete"
-    UNREACHABLE = "a pose on the line cannot be reached on the current IK branch"
-    LIMIT = "a joint is at its limit"
-    JUMP = "the joints would have to jump"
-    CONTACT = "two bodies are in contact"
-    UNDECIDED = "the proof reached its tolerance without a decision"
-
-
-class PlanStatus(Enum):
-    """The outcome of a plan."""
-
-    FOUND = "a certified path was found"
-    START_INVALID = "the start is in contact, outside the joint limits or violates a constraint"
-    GOAL_INVALID = "every goal is in contact, outside the joint limits or violates a constraint"
-    IMPOSSIBLE = "no path exists: a joint cannot pass a value between the start and every goal"
-    OUT_OF_BUDGET = "no path was found within the budget; one may exist"
-    CANCELLED = "the progress callback requested to stop"
-
-
-@dataclass(frozen=True)
-class PlanProgress:
-    """The progress of a search.
-
-    Parameters
-    ----------
-    nodes
-        Number of configurations in both trees.
-    samples
-        Number of random samples so far.
-    seconds
-        Time since the search began.
-    gap
-        Smallest distance (rad or m, Euclidean) measured between the trees; infinite before the first measurement.
-    """
-
-    nodes: int
-    samples: int
-    seconds: float
-    gap: float
-
-
-# A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED.
-Progress = Callable[[PlanProgress], bool | None]
-
-
-class PlanAnswer(Answer):
-    """The part that all results of planning share."""
-
-    failure = PlanFailed
-    status: PlanStatus | LinearStatus
-
-    @property
-    def ok(self) -> bool:
-        """Whether the result is a certified motion to a goal or along the complete path."""
-        return self.status in (PlanStatus.FOUND, LinearStatus.COMPLETE)
-
-    def _view(self) -> View:
-        parts = [vars(self).get(name) for name in ("path", "certificate")]
-        return View(f"{self.status.name}: {self.message}", parts, title=self.message)
-
-
-@dataclass(frozen=True, eq=False)
-class PlanResult(PlanAnswer):
-    """The outcome of a plan. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
-
-    Parameters
-    ----------
-    status
-        FOUND, or the reason of the failure.
-    path
-        The path from the start to the goal that was reached, if FOUND.
-    certificate
-        The FREE certificate of ``path``, if FOUND.
-    goal
-        The index of the goal that was reached, if FOUND.
-    message
-        The outcome and the remedy as text.
-    nodes
-        Number of configurations in both trees, or in the graph of the planner.
-    cut
-        Number of edges that were removed because they failed the proof, although their samples were free.
-    samples
-        Number of random samples.
-    seconds
-        Duration of the search.
-    gap
-        Smallest distance (rad or m, Euclidean) between the trees of the start and of the goals; 0 for a path, NaN
-        if there was no search.
-    contacts
-        The contacts of the start or of the goals if they are the reason of the failure.
-    checker
-        The checker for which the certificate holds. It is the given checker, or, if an end was in contact only because
-        of coarse bounding bodies, one with finer bodies for those pairs (:meth:`~pinproof.CollisionChecker.finer_at`).
-        Use it for later steps: shortcuts, blends, the certificate of the trajectory.
-    """
-
-    status: PlanStatus
-    path: Solution[JointPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    goal: Solution[int] = Solution()
-    message: str = ""
-    nodes: int = 0
-    cut: int = 0
-    samples: int = 0
-    seconds: float = 0.0
-    gap: float = np.nan
-    contacts: tuple[Contact, ...] = ()
-    checker: Solution[CollisionChecker] = Solution()
-
-    def _view(self) -> View:
-        path = self.path if self.ok else None
-        lines = (self._counts,) if path is None else (repr(path), self._counts)
-        return View(f"{self.status.name}: {self.message}", [[self._counts], path], lines)
-
-    @property
-    def _counts(self) -> str:
-        return f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class LinearPlanResult(PlanAnswer):
-    """A straight move of the tcp. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
-
-    Parameters
-    ----------
-    status
-        COMPLETE, or the reason why the move stops.
-    path
-        The joint curve, if COMPLETE.
-    certificate
-        The FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED.
-    fraction
-        The fraction of the line, 0 to 1, up to which the move is possible and proven free.
-    message
-        The outcome as text.
-    deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from the line, over all of ``path``; NaN without a path.
-    joints
-        The joints that are at their limits or would have to jump, if this stops the move.
-    """
-
-    status: LinearStatus
-    path: Solution[CubicPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    fraction: float = 0.0
-    message: str = ""
-    deviation: float = math.nan
-    rotation_deviation: float = math.nan
-    joints: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PosesPlanResult(PlanAnswer):
-    """A move of the tcp through a sequence of poses.
-
-    Parameters
-    ----------
-    status, certificate, message, deviation, rotation_deviation, joints
-        As for a :class:`LinearPlanResult`.
-    path
-        The joint curve, with ``corners`` at which the arm stops, if COMPLETE.
-    fraction
-        The fraction of the path length up to which the move is possible and proven free.
-    reached
-        The index of the last pose that is reached, or passed if its corner is rounded; -1 if no pose is reached.
-    """
-
-    status: LinearStatus
-    path: Solution[BlendedPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    fraction: float = 0.0
-    reached: int = -1
-    message: str = ""
-    deviation: float = math.nan
-    rotation_deviation: float = math.nan
-    joints: tuple[str, ...] = ()
-
-
-# -- planners ----------------------------------------------------------------------------------------------------------
+DEFAULT_PLANNER = "rrt_connect"
 
 
 class Planner(Protocol):
-    """What every planner provides."""
+    """What every planner provides: the method :meth:`plan`.
+
+    It is called with a start and goals that are valid, and its path is never trusted: it is certified, and its ends are
+    compared with the start and the goals. More is used if the planner provides it:
+
+    - ``plan`` accepts the keyword ``constraints``: a tuple of constraints of the tcp that hold on the whole path;
+    - ``plan`` accepts the keyword ``torque_limits``: :class:`~pinproof.motion.TorqueLimits` with which the arm can rest
+      at each configuration of the path;
+    - a method ``limited_to(nodes)`` returns the planner with a budget of work instead of time, so that the verdicts of
+      picks do not depend on the clock.
+
+    Tasks with constraints or torque limits are refused if the planner does not accept the keyword.
+    """
+
+    def plan(self, checker: CollisionChecker, start: Array, goals: Array, *, rng: int = 0) -> PlanResult:
+        """Plan from ``start`` (n,) to any of ``goals`` (g, n) with the seed ``rng``.
+
+        Returns
+        -------
+        PlanResult
+            With a ``path`` and the status FOUND; or another status, and a message that states the reason.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class CertifiedPlanner:
+    """A planner of another package, whose paths are certified; its calls are those of :class:`~pinproof.RrtConnect`."""
+
+    planner: Planner
+
+    def limited_to(self, nodes: int) -> CertifiedPlanner:
+        """Return the planner with a budget of work instead of time, or the same planner if it cannot be limited."""
+        limit = getattr(self.planner, "limited_to", None)
+        return self if limit is None else CertifiedPlanner(limit(nodes))
+
+    def supports(self, keyword: str) -> bool:
+        """Whether the planner accepts ``constraints`` or ``torque_limits``."""
+        return not _misfit(self.planner.plan, keyword)
 
     def plan(
         self,
@@ -218,51 +78,130 @@ class Planner(Protocol):
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
         torque_limits: TorqueLimits | None = None,
-        rng: int | np.random.Generator = 0,
+        rng: int = 0,
     ) -> PlanResult:
-        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does.
+        """Plan as :meth:`RrtConnect.plan` does; the path is certified, and IMPOSSIBLE is stated only if it is proven.
 
-        A planner that does not support constraints raises InputError if there are any. One that supports them has the
-        attribute ``supports_constraints = True``.
+        Raises
+        ------
+        InputError
+            If a shape is wrong, the planner does not support constraints or torque limits, or it does not return a
+            :class:`PlanResult` with a :class:`~pinproof.JointPath`.
         """
-        ...
+        # What the task demands beside the ends
+        constraints = check_constraints(constraints)
+        demands: dict[str, Any] = {"constraints": constraints} if constraints else {}
+        demands |= {} if torque_limits is None else {"torque_limits": torque_limits}
+        for keyword in demands:
+            if not self.supports(keyword):
+                raise InputError(
+                    f"the planner {self._name} does not support {keyword}: its method plan lacks this keyword; use "
+                    f"{DEFAULT_PLANNER} for this task"
+                )
+        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
+        if isinstance(ends, PlanResult):
+            return ends
+        checker, began = ends.checker, time.monotonic()
+        answer = self.planner.plan(checker, ends.start.copy(), ends.goals.copy(), rng=rng, **demands)
+        seconds = time.monotonic() - began
+        if not isinstance(answer, PlanResult):
+            raise InputError(f"{self._name}.plan must return a PlanResult, not {type(answer).__name__}")
 
-    def limited_to(self, nodes: int) -> Planner:
-        """Return the planner with a budget of work instead of time, so that its result does not depend on the clock."""
-        ...
+        def result(status: PlanStatus, message: str, **known: Any) -> PlanResult:
+            work = {"nodes": answer.nodes, "samples": answer.samples, "gap": answer.gap, "seconds": seconds}
+            return PlanResult(status, message=message, checker=checker, **{**work, **known})
+
+        # A failure: only barriers prove that no path exists
+        if not answer.ok:
+            reason = answer.message or f"no path was found ({answer.status.name})"
+            if answer.status is PlanStatus.CANCELLED:
+                return result(PlanStatus.CANCELLED, reason)
+            if barriers := find_barriers(checker, ends.start, ends.goals):
+                return result(PlanStatus.IMPOSSIBLE, no_path_message(barriers))
+            return result(PlanStatus.OUT_OF_BUDGET, reason)
+        # A path: from the start to a goal, through the joints of the arm
+        require_type(f"the path of {self._name}", answer.path, JointPath)
+        names, q = answer.path.joint_names, answer.path.q
+        if names != checker.group.joint_names:
+            raise InputError(f"the path of {self._name} has the joints {names}, not {checker.group.joint_names}")
+        from_goals = np.abs(ends.goals - q[-1]).max(axis=1)
+        row = int(from_goals.argmin())
+        apart = {"starts": float(np.abs(ends.start - q[0]).max()), "ends": float(from_goals[row])}
+        wrong = [f"{verb} {distance:.3g} (rad or m)" for verb, distance in apart.items() if not distance <= SAME_GOAL]
+        if wrong:
+            message = f"the path of {self._name} {' and '.join(wrong)} from the given configuration"
+            return result(PlanStatus.NOT_PROVEN, message)
+        # Its ends are those given, exactly, and it is proven
+        same = len(q) <= 2 and bool((ends.start == ends.goals[row]).all())
+        path = JointPath(np.array([ends.start] if same else [ends.start, *q[1:-1], ends.goals[row]]), names)
+        certificate = certify(path, checker, constraints=constraints)
+        if not certificate.free:
+            contact = certificate.first_contact
+            contacts = () if contact is None else checker.check(contact.q).contacts
+            message = f"the path of {self._name} fails the proof: {certificate.message}"
+            return result(PlanStatus.NOT_PROVEN, message, contacts=contacts)
+        message = answer.message or f"{self._name} found a path with {len(path)} waypoints and length {path.length:.3g}"
+        known = {"path": path, "certificate": certificate, "goal": ends.indices[row], "gap": 0.0}
+        return result(PlanStatus.FOUND, f"{message}; {certificate.message}", **known)
+
+    @property
+    def _name(self) -> str:
+        return type(self.planner).__name__
 
 
-DEFAULT_PLANNER = "rrt_connect"
+def planner_of(given: Planner | str | None = None, **settings: Any) -> RrtConnect | CertifiedPlanner:
+    """Return a planner with certified paths.
 
-
-def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:
-    """Return the planner ``"rrt_connect"``, or a planner of another package, named ``"module:Class"``.
-
-    It has its default settings except for those given.
+    Parameters
+    ----------
+    given
+        An object with the method of :class:`Planner`; ``"rrt_connect"``, which is the default; or the class of another
+        package as ``"module:Class"``.
+    settings
+        Settings of a planner that is named; the others are its defaults.
 
     Raises
     ------
     UnknownNameError
         If there is no planner with this name, or its module cannot be imported.
     InputError
-        If a setting is invalid, or the class has not the methods of :class:`Planner`.
+        If a setting is invalid, or the object lacks what a planner needs.
     """
-    place = "pinproof.planning.rrt_connect:RrtConnect" if name == DEFAULT_PLANNER else name
-    module, _, attribute = place.partition(":")
-    valid = (DEFAULT_PLANNER, "MODULE:CLASS")
-    if not module or not attribute:
-        raise UnknownNameError("planner", name, valid)
+    planner: object = given
+    if planner is None or planner == DEFAULT_PLANNER:
+        return RrtConnect(**settings)
+    if isinstance(planner, str):
+        module, _, attribute = planner.partition(":")
+        valid = (DEFAULT_PLANNER, "MODULE:CLASS")
+        if not module or not attribute:
+            raise UnknownNameError("planner", planner, valid)
+        try:
+            planner = getattr(import_module(module), attribute)(**settings)
+        except (ImportError, AttributeError) as error:
+            raise UnknownNameError("planner", str(given), valid, str(error)) from error
+    if isinstance(planner, CertifiedPlanner) or type(planner) is RrtConnect:  # a subclass may return other paths
+        return planner
+    method = getattr(planner, "plan", None)
+    if isinstance(planner, type):
+        raise InputError(f"planner is the class {planner.__name__}; give an object of it: {planner.__name__}()")
+    if not callable(method):
+        raise InputError(
+            f"planner must have the method plan(checker, start, goals, *, rng=0); {planner!r:.80} lacks it"
+        )
+    if reason := _misfit(method):
+        kind = type(planner).__name__
+        raise InputError(f"the method plan of {kind} cannot be called as plan(checker, start, goals, rng=0): {reason}")
+    return CertifiedPlanner(planner)  # type: ignore[arg-type]  # checked
+
+
+def _misfit(method: Any, *keywords: str) -> str:
+    """Why a method cannot be called as that of a planner, with further keywords; empty if it can or is not readable."""
     try:
-        planner = getattr(import_module(module), attribute)(**settings)
-    except (ImportError, AttributeError) as error:
-        raise UnknownNameError("planner", name, valid, str(error)) from error
-    return planner_of(planner)
-
-
-def planner_of(given: object | None) -> Planner:
-    """Return the given planner, or the default one for None; refuse anything without the methods of a planner."""
-    if given is None:
-        return make_planner()
-    if missing := [name for name in ("plan", "limited_to") if not callable(getattr(given, name, None))]:
-        raise InputError(f"planner must have the methods plan and limited_to; {given!r:.80} lacks {missing[0]}")
-    return cast(Planner, given)
+        signature = inspect.signature(method)
+    except (TypeError, ValueError):  # a compiled method
+        return ""
+    try:
+        signature.bind(None, None, None, rng=0, **dict.fromkeys(keywords))
+    except TypeError as error:
+        return str(error)
+    return ""

@@ -22,7 +22,7 @@ from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import AT_LIMIT, Arm, JointGroup
 from pinproof.motion import TorqueLimits
-from pinproof.planning.planners import PlanResult, PlanStatus
+from pinproof.planning.plan_results import PlanResult, PlanStatus
 from pinproof.spatial import Array, finite
 
 # Default distance (m) in addition to the margin that samples must keep.

@@ -18,7 +18,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from pinproof.collision import CollisionChecker, PathConstraint, certify, check_
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, TorqueLimits
-from pinproof.planning.planners import PlanProgress, PlanResult, PlanStatus, Progress
+from pinproof.planning.plan_results import PlanProgress, PlanResult, PlanStatus, Progress
 from pinproof.planning.problem import (
     Edges,
     Ends,
@@ -96,9 +96,6 @@ class RrtConnect:
     max_samples: int = 200_000
     time_limit: float = 20.0
 
-    supports_constraints: ClassVar[bool] = True
-    """Constraints of the tcp are kept; a planner without this attribute refuses them."""
-
     def __post_init__(self) -> None:
         for name in ("step", "resolution", "max_nodes", "max_samples", "time_limit"):
             if not getattr(self, name) > 0:
@@ -107,6 +104,10 @@ class RrtConnect:
     def limited_to(self, nodes: int) -> RrtConnect:
         """Return the planner with a budget of work instead of time: nodes, and four times as many samples."""
         return replace(self, max_nodes=nodes, max_samples=4 * nodes, time_limit=math.inf)
+
+    def supports(self, keyword: str) -> bool:
+        """Whether the planner accepts ``constraints`` or ``torque_limits``, which it does."""
+        return keyword in ("constraints", "torque_limits")
 
     def plan(
         self,

@@ -44,7 +44,7 @@ from pinproof.picks import (
     span,
     support_names,
 )
-from pinproof.planning import Edges, make_planner, with_turns
+from pinproof.planning import Edges, planner_of, with_turns
 from pinproof.spatial import Array
 
 Indices = npt.NDArray[np.int64]
@@ -316,7 +316,7 @@ def connected(setup: PickSetup, checker: CollisionChecker, start: Array, jobs: l
     bounds = Bounds.of(checker.arm.limits, checker.arm.joint_names)
     group = _groups(checker, q, np.array([least_times(q - start_of, bounds) for start_of in q]), one_line)
     # the full rotations with which a path from the start reaches the nearest configuration of each group
-    planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+    planner = planner_of(setup.budget.planner).limited_to(setup.budget.nodes)
     shifts = np.full(q.shape, np.nan)
     shifts[group == group[0]] = 0.0
     from_start = least_times(q - q[0], bounds)

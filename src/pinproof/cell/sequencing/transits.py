@@ -39,7 +39,7 @@ from pinproof.picks import (
     torque_limits_of_tool,
     transit,
 )
-from pinproof.planning import make_planner, optimise
+from pinproof.planning import optimise, planner_of
 from pinproof.spatial import Array
 
 RETRIED = 1.02
@@ -178,7 +178,7 @@ def closing_motion(
     if (again := _again(MotionPart("transit", (), checker), known)) is not None:
         return again
     torques = torque_limits_of_tool(checker.arm, setup.shared)
-    planner = make_planner(setup.budget.planner).limited_to(setup.budget.nodes)
+    planner = planner_of(setup.budget.planner).limited_to(setup.budget.nodes)
     plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
     if not plan.ok:
         return MotionFailure("transit", f"to the end: {plan.message}")

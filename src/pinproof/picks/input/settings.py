@@ -16,7 +16,7 @@ from pinproof.collision import Mesh, Mover, Obstacle
 from pinproof.common.structs import TEXT, Accepting, Direction, Kind, Rule, key, list_of, simple, struct, table_of
 from pinproof.common.validation import unique_names
 from pinproof.description import COLOURED_SUFFIXES
-from pinproof.planning import DEFAULT_PLANNER, make_planner
+from pinproof.planning import DEFAULT_PLANNER, planner_of
 from pinproof.spatial import SE3
 
 CONVEYOR = "conveyor"
@@ -111,7 +111,7 @@ class PickBudget:
         minimum=0,
     )
     planner: str = key(
-        "the planner of transits and transfers, as :func:`pinproof.planning.make_planner` names it",
+        "the planner of transits and transfers, as :func:`pinproof.planning.planner_of` names it",
         default=DEFAULT_PLANNER,
     )
     motion: int = key(
@@ -122,7 +122,7 @@ class PickBudget:
     )
 
     def __post_init__(self) -> None:
-        make_planner(self.planner)
+        planner_of(self.planner)
 
 
 @struct("grip_limits", kw_only=True)

@@ -16,7 +16,7 @@ from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask, torque_limits
 from pinproof.picks.judging.verdict import LINES, Stage, StageResult
-from pinproof.planning import LinearStatus, PlanResult, make_planner, plan_linear, shortcut, with_turns
+from pinproof.planning import LinearStatus, PlanResult, plan_linear, planner_of, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
 Pairs = tuple[tuple[str, str], ...]
@@ -196,7 +196,7 @@ def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int
     groups: dict[CollisionChecker, list[Attempt]] = {}
     for attempt in attempts:
         groups.setdefault(task.before(attempt.candidate.member), []).append(attempt)
-    planner = make_planner(task.cell.budget.planner).limited_to(nodes)
+    planner = planner_of(task.cell.budget.planner).limited_to(nodes)
     for checker, group in groups.items():
         goals = np.array([attempt.entrance for attempt in group])
         torques = torque_limits(task, group[0].candidate.member, "transit", task.outside.arm)

@@ -17,7 +17,7 @@ from pinproof.picks.judging.grasp import closing_words, contact_words, every_bra
 from pinproof.picks.judging.lines import Attempt, Pairs, line, shifted, shortened, span
 from pinproof.picks.judging.task import PickTask, once_per_grasp, torque_limits
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import make_planner, simplify, with_turns
+from pinproof.planning import planner_of, simplify, with_turns
 from pinproof.spatial import Array
 
 
@@ -220,7 +220,7 @@ class Placer:
         carrying = task.carrying(attempt.candidate.member)
         shifts = np.zeros((1, arm.dof)) if shifts is None else shifts
         # A path with the object, which is shortened unless its orientation is constrained
-        planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
+        planner = planner_of(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
         torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
         plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])

@@ -37,7 +37,7 @@ from pinproof.picks.judging.hand import (
     hand_bodies,
 )
 from pinproof.picks.judging.verdict import Stage
-from pinproof.planning import make_planner
+from pinproof.planning import planner_of
 from pinproof.spatial import SE3, Array, matrix
 
 GRIPS_KEPT = 256
@@ -206,7 +206,7 @@ class PickTask:
             for support in support_names(stated) or ():
                 if support not in self.scene:
                     raise UnknownNameError("support", support, self.scene, self.scene.where)
-        if pick.upright is not None and not getattr(make_planner(cell.budget.planner), "supports_constraints", False):
+        if pick.upright is not None and not planner_of(cell.budget.planner).supports("constraints"):
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use rrt_connect")
         self.name = pick.object_name
         self.place = pick.place

@@ -206,9 +206,8 @@ def test_motions_are_joined_and_add_up_to_the_total_time(stacked: SequenceResult
     assert stacked.moving == pytest.approx(seconds, abs=1e-6)
     assert stacked.duration == pytest.approx(seconds + 3 * (0.2 + 0.1), abs=1e-6)
     assert stacked.lower_bound <= seconds + 1e-6
-    times = pp.cell.cycle_time(stacked)
-    assert sum(times.by_phase.values()) == pytest.approx(stacked.duration, abs=1e-6)
-    assert all(pick.shortest <= pick.duration + 1e-9 for pick in times.picks)
+    assert sum(stacked.by_phase.values()) == pytest.approx(stacked.duration, abs=1e-6)
+    assert all(step.shortest <= step.duration + 1e-9 for step in stacked)
 
 
 @pytest.mark.slow
@@ -334,9 +333,9 @@ def test_free_ends_have_no_motion_to_home_and_parts_of_a_pick_may_be_slower() ->
     assert free.motions[0].trajectory.duration == 0.0
     assert free.moving < pp.sequence(setup, picks).moving
     slow = replace(picks[0], speed={"approach": pp.picks.ToolSpeed(linear_speed=0.01)})
-    (time,) = pp.cell.cycle_time(pp.sequence(setup, [slow])).picks
-    assert time.phases["approach"] >= 6.0 - 1e-6  # 60 mm
-    assert time.limited_by == "approach: tool speed"
+    (step,) = pp.sequence(setup, [slow])
+    assert step.by_phase["approach"] >= 6.0 - 1e-6  # 60 mm
+    assert step.limited_by == "approach: tool speed"
 
 
 @pytest.mark.slow

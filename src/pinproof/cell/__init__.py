@@ -29,13 +29,10 @@ from pinproof.cell.sequencing.options import without_parts
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import SequenceBudget, sequence
 from pinproof.cell.sequencing.sequence_result import (
-    CycleTime,
     LeftOut,
-    PickTime,
     SequencePhase,
     SequenceResult,
     SequenceStep,
-    cycle_time,
     write_sequence_page,
 )
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
@@ -47,13 +44,11 @@ __all__ = [
     "CellComparison",
     "CertifiedPlacement",
     "CommonInterval",
-    "CycleTime",
     "LeftOut",
     "OneArm",
     "PartState",
     "PickChange",
     "PickDifference",
-    "PickTime",
     "PickTolerance",
     "Placement",
     "PlacementBudget",
@@ -71,7 +66,6 @@ __all__ = [
     "ToleranceStudy",
     "allocate",
     "compare",
-    "cycle_time",
     "place_base",
     "read_heat_map",
     "sequence",

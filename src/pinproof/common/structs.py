@@ -828,7 +828,7 @@ class _Struct:
         hints, kinds = get_type_hints(self.cls, include_extras=True), {}
         for each in fields(self.cls):
             own = each.metadata.get("declared")
-            if own is None or (own.hidden and not own.kind):
+            if own is None or (not own.kind and (own.hidden or (own.inline and self.written))):
                 continue
             kind = _kind_of(hints[each.name], own, written=self.written)
             if each.default == "" and kind is TEXT:  # files omit a text that a class has as empty

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -13,21 +12,14 @@ import numpy as np
 from pinproof.cell.allocation.common_clock import WAIT, ArmPiece, CommonInterval, Timing
 from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import AT_PLACE
-from pinproof.cell.sequencing.sequence_result import PHASES, LeftOut, SequenceResult
+from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene, proven_millimetres
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
 from pinproof.common.structs import (
-    ANY_TEXT,
-    COUNT,
-    NOT_NEGATIVE,
     OPTIONAL_NUMBER,
     TEXT,
-    choice,
     key,
-    list_of,
-    report_table,
     reported,
-    required,
     struct,
 )
 from pinproof.errors import InputError
@@ -50,32 +42,6 @@ class OneArm:
     reason: str = key("why it cannot")
 
 
-PHASE = report_table(
-    "arm_phase",
-    "A motion, a dwell time or a wait of an arm.",
-    required("name", choice(*PHASES, WAIT), f"a phase of a [sequence](sequence.md), or `{WAIT}`"),
-    required("pick", ANY_TEXT, "name of the pick; empty for the motion to home"),
-    required("start", NOT_NEGATIVE, "from the start of the common clock", "s"),
-    required("duration", NOT_NEGATIVE, "duration", "s"),
-)
-
-INTERVAL = report_table(
-    "common_interval",
-    "The certificate of the arms against each other in an interval in which no part is gripped or released.",
-    required("start", NOT_NEGATIVE, "from the start of the common clock", "s"),
-    required("duration", NOT_NEGATIVE, "duration", "s", lambda interval: interval.end - interval.start),
-    required("status", ANY_TEXT, "`FREE`, or why it is not", get=attrgetter("certificate.status.name")),
-    required(
-        "clearance_proven",
-        OPTIONAL_NUMBER,
-        "proven lower bound of the distance of the arms",
-        "m",
-        attrgetter("certificate.clearance"),
-    ),
-    required("pairs_proven", COUNT, "pairs of bodies proven", get=attrgetter("certificate.pairs")),
-)
-
-
 @struct("arm_program", more=True, written=True)
 class ArmTime:
     """The program of one arm."""
@@ -85,7 +51,7 @@ class ArmTime:
     duration: float = key("until it is at home again", "s", minimum=0)
     waiting: float = key("waiting for other arms", "s", minimum=0)
     utilisation: float = key("share of the makespan in which it executes its sequence", minimum=0)
-    phases: tuple[ArmPiece, ...] = key("motions, dwell times and waits in order", kind=list_of(PHASE))
+    phases: tuple[ArmPiece, ...] = key("motions, dwell times and waits in order")
 
 
 @dataclass(frozen=True)
@@ -192,7 +158,7 @@ class AllocationResult(Answer, Saved, Written):
         return self.timing.trajectory
 
     @property
-    @reported(kind=list_of(INTERVAL))
+    @reported()
     def intervals(self) -> tuple[CommonInterval, ...]:
         """The certificates of the arms against each other."""
         return self.timing.intervals
@@ -373,13 +339,12 @@ def write_allocation_page(result: AllocationResult, path: str | Path, *, title: 
     rows, bars = [], []
     for arm, pieces in result.programs.items():
         sequence = result.sequences[arm]
-        limits = {time.name: time.limited_by for time in sequence.times.picks}
         for piece in pieces:
             label = ", ".join(filter(None, (piece.pick, piece.name)))
             bars.append(Bar(arm, piece.name, piece.start, piece.duration, f"{arm}: {label}"))
         for step in sequence.steps:
             name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
-            limited_by = limits[name].replace(f"{arm}{PART}", "")
+            limited_by = step.limited_by.replace(f"{arm}{PART}", "")
             start, duration = own[0].start, own[-1].end - own[0].start
             rows.append(CellRow(f"{name} ({arm})", start, duration, step.verdict.clearance, limited_by))
     figures = [(f"makespan{guess_mark(result.group.limits.acceleration_source)}", f"{result.makespan:.1f} s")]

@@ -19,12 +19,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, islice, pairwise
+from operator import attrgetter
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.sequencing.sequence_result import SequenceResult
+from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
 from pinproof.collision import Certificate, CollisionChecker, Obstacle, certify
+from pinproof.common.structs import (
+    ANY_TEXT,
+    COUNT,
+    OPTIONAL_NUMBER,
+    choice,
+    key,
+    report_table,
+    reported,
+    required,
+    struct,
+)
 from pinproof.model import JointGroup, link_path
 from pinproof.motion import NANO, Trajectory, synchronise, whole_nanoseconds
 from pinproof.picks import PickMotion
@@ -39,44 +51,32 @@ SAFE = ("transit", "retreat", "transfer", "leave")
 """The motions after which an arm may wait: at their ends the hand is not at a part."""
 
 
-@dataclass(frozen=True, eq=False)
+@struct("arm_phase", first=("name", "pick", "start", "duration"), more=True, written=True, eq=False)
 class ArmPiece:
-    """A part of the program of an arm with constant attached objects.
+    """A motion, a dwell time or a wait of an arm, with constant attached objects."""
 
-    Parameters
-    ----------
-    name
-        A phase of a sequence, or ``"wait"``.
-    pick
-        The name of the pick; empty for the motion to the end.
-    start
-        Seconds from the start of the program.
-    trajectory
-        From rest to rest.
-    motion
-        The certified motion; for a dwell time and for a wait the motion before it, at whose end the arm rests.
-    carries
-        Objects that move with the tcp, tool and part; their poses are ``tcp_from_object``.
-    held
-        Values (rad or m) of joints outside the arm.
-    """
-
-    name: str
-    pick: str
-    start: float
-    trajectory: Trajectory
-    motion: PickMotion | None
-    carries: tuple[Obstacle, ...]
-    held: Mapping[str, float] = field(default_factory=dict)
+    name: str = key(f"a phase of a [sequence](sequence.md), or `{WAIT}`", kind=choice(*PHASES, WAIT))
+    pick: str = key("name of the pick; empty for the motion to home")
+    start: float = key("from the start of the common clock", "s", minimum=0)
+    trajectory: Trajectory = key("from rest to rest", hidden=True)
+    motion: PickMotion | None = key(
+        "the certified motion; for a dwell time and for a wait the motion before it, at whose end the arm rests",
+        hidden=True,
+    )
+    carries: tuple[Obstacle, ...] = key(
+        "objects that move with the tcp, tool and part; their poses are ``tcp_from_object``", hidden=True
+    )
+    held: Mapping[str, float] = key("values of joints outside the arm", "rad or m", default_factory=dict, hidden=True)
 
     @property
+    @reported("s", minimum=0)
     def duration(self) -> float:
-        """Seconds."""
+        """Duration."""
         return self.trajectory.duration
 
     @property
     def end(self) -> float:
-        """Seconds from the start of the program."""
+        """Seconds from the start of the common clock."""
         return self.start + self.duration
 
     @property
@@ -235,29 +235,36 @@ SAME_PLACE = 6
 """Decimals (m) of the poses of carried parts that are distinguished at sampled states; proofs use exact ones."""
 
 
-@dataclass(frozen=True, eq=False)
+PROVEN_APART = report_table(
+    "proven_apart",
+    "What a certificate of the arms against each other proves.",
+    required("status", ANY_TEXT, "`FREE`, or why it is not", get=attrgetter("status.name")),
+    required(
+        "clearance_proven",
+        OPTIONAL_NUMBER,
+        "proven lower bound of the distance of the arms",
+        "m",
+        attrgetter("clearance"),
+    ),
+    required("pairs_proven", COUNT, "pairs of bodies proven", get=attrgetter("pairs")),
+)
+
+
+@struct("common_interval", first=("start", "duration"), more=True, written=True, eq=False)
 class CommonInterval:
-    """An interval of the common clock in which the arms carry the same objects.
+    """The certificate of the arms against each other in an interval in which no part is gripped or released."""
 
-    Parameters
-    ----------
-    start
-        Seconds on the common clock.
-    trajectory
-        The motion of the joint group.
-    attached
-        The tools and parts of all arms; each names its arm.
-    held
-        Values (rad or m) of the other joints.
-    certificate
-        The certificate of all pairs of bodies of different arms.
-    """
+    start: float = key("from the start of the common clock", "s", minimum=0)
+    trajectory: Trajectory = key("the motion of the joint group", hidden=True)
+    attached: tuple[Obstacle, ...] = key("the tools and parts of all arms; each names its arm", hidden=True)
+    held: Mapping[str, float] = key("values of the other joints", "rad or m", hidden=True)
+    certificate: Certificate = key("the certificate of all pairs of bodies of different arms", inline=PROVEN_APART)
 
-    start: float
-    trajectory: Trajectory
-    attached: tuple[Obstacle, ...]
-    held: Mapping[str, float]
-    certificate: Certificate
+    @property
+    @reported("s", minimum=0)
+    def duration(self) -> float:
+        """Duration."""
+        return self.trajectory.duration
 
     @property
     def end(self) -> float:

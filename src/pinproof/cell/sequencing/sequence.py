@@ -613,13 +613,14 @@ class SequenceRun:
         """The best result so far."""
         certified = self.best or self.partial
         steps: list[SequenceStep] = []
-        now = 0.0
+        now, arm = 0.0, self.setup.checker.arm
+        bounds = Bounds.of(arm.limits, arm.joint_names)
         if certified is not None:
             for (_, number, _), verdict, scene in zip(
                 certified.places, certified.verdicts, certified.scenes, strict=False
             ):
                 pick = self.picks[self.given.names.index(self.options[number][0].pick.name)]
-                steps.append(SequenceStep(pick, verdict, scene, now, *self.dwell))
+                steps.append(SequenceStep(pick, verdict, scene, now, bounds, *self.dwell))
                 now = steps[-1].end
         return SequenceResult(
             self.setup,

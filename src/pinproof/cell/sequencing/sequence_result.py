@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
@@ -14,7 +14,6 @@ from pinproof.collision import Certificate, Scene, proven_millimetres
 from pinproof.common.files import csv_text
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
 from pinproof.common.structs import (
-    ANY_TEXT,
     INTEGER,
     NOT_NEGATIVE,
     OPTIONAL_NUMBER,
@@ -29,10 +28,9 @@ from pinproof.common.structs import (
     reported,
     required,
     struct,
-    table_of,
 )
 from pinproof.errors import InputError
-from pinproof.model import Arm, guess_mark
+from pinproof.model import guess_mark
 from pinproof.motion import Bounds, MotionProgram, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, simplified
@@ -79,33 +77,43 @@ class SequencePhase:
         return None if self.certificate is None else self.certificate.pairs
 
 
-@dataclass(frozen=True, eq=False)
+DETOUR = 1.1
+"""A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""
+
+STRAIGHT = ("approach", "retreat", "place", "leave")
+"""The motions along straight lines, which cannot be shorter than the line permits."""
+
+
+@struct(
+    "sequence_step",
+    first=("name", "start", "duration", "shortest", "limited_by", "member", "q_grasp", "phases"),
+    more=True,
+    written=True,
+    eq=False,
+)
 class SequenceStep:
-    """One pick of the sequence.
+    """One pick of the sequence."""
 
-    Parameters
-    ----------
-    pick
-        The pick as given.
-    verdict
-        The verdict with the certified motions; its pick has its poses in the root frame. The first motion is the
-        transit from the end of the step before.
-    scene
-        The scene before the step. The motions have their own scenes.
-    start
-        Seconds from the start of the sequence.
-    grip_dwell, release_dwell
-        Seconds at the grasp and at the release.
-    """
+    pick: Pick = key("the pick as given", hidden=True)
+    verdict: PickVerdict = key(
+        "the verdict with the certified motions; its pick has its poses in the root frame. The first motion is the "
+        "transit from the end of the step before",
+        hidden=True,
+    )
+    scene: Scene = key("the scene before the step. The motions have their own scenes", hidden=True)
+    start: float = key("from the start of the sequence", "s", minimum=0)
+    bounds: Bounds = key("the limits for which the motions are timed", hidden=True)
+    grip_dwell: float = key("the rest at the grasp", "s", default=0.0, hidden=True)
+    release_dwell: float = key("the rest at the release", "s", default=0.0, hidden=True)
 
-    pick: Pick
-    verdict: PickVerdict
-    scene: Scene
-    start: float
-    grip_dwell: float = 0.0
-    release_dwell: float = 0.0
+    @property
+    @reported(kind=TEXT)
+    def name(self) -> str:
+        """Name of the pick."""
+        return self.pick.name
 
     @cached_property
+    @reported()
     def phases(self) -> tuple[SequencePhase, ...]:
         """The motions and dwell times in order."""
         phases: list[SequencePhase] = []
@@ -131,42 +139,68 @@ class SequenceStep:
         return self.phases[-1].start + self.phases[-1].duration
 
     @property
+    @reported("s", minimum=0)
     def duration(self) -> float:
-        """Seconds of the step with its transit and dwell times."""
+        """Transit, all motions and dwell times."""
         return self.end - self.start
+
+    @property
+    def by_phase(self) -> dict[str, float]:
+        """Seconds by phase, of those that occur."""
+        return _by_phase(self.phases)
+
+    @property
+    @reported("s", minimum=0)
+    def shortest(self) -> float:
+        """Lower bound of the duration, without obstacles."""
+        dwell = sum(phase.duration for phase in self.phases if phase.motion is None)
+        return dwell + sum(least for _, least, _ in self._limits)
+
+    @property
+    @reported()
+    def limited_by(self) -> str:
+        """What limits its longest motion: a joint, a torque, a detour around obstacles, or the speed of the tool."""
+        return max((duration, limit) for duration, _, limit in self._limits)[1]
+
+    @property
+    @reported()
+    def member(self) -> str:
+        """How the grasp differs from the nominal one."""
+        return self.verdict.member
+
+    @property
+    @reported("rad or m", kind=list_of(PLAIN_NUMBER))
+    def q_grasp(self) -> Sequence[float]:
+        """Configuration at the grasp."""
+        return () if self.verdict.q_grasp is None else self.verdict.q_grasp.tolist()
+
+    @cached_property
+    def _limits(self) -> list[tuple[float, float, str]]:
+        """For each motion its duration, its shortest time (s) without obstacles, and what limits it."""
+        limits = []
+        for motion in self.verdict.motions:
+            moved, name, tool_speed = motion.trajectory, motion.name, motion.name in self.pick.speed
+            times = least_times(moved.end - moved.start, self.bounds, by_joint=True)
+            least, slowest = float(times.max()), moved.joint_names[int(times.argmax())]
+            worst = max(motion.torques, key=lambda peak: peak.share, default=None)
+            if worst is not None and worst.share > 1 / DETOUR:
+                limit = f"torque of {worst.joint}"
+            elif name in STRAIGHT:
+                limit, least = "tool speed" if tool_speed else f"{slowest} on the straight line", moved.duration
+            elif moved.duration <= DETOUR * least:
+                limit = slowest
+            elif tool_speed:
+                limit = "tool speed"
+            else:
+                limit = f"detour of {moved.duration - least:.2f} s around obstacles"
+            limits.append((moved.duration, least, f"{name}: {limit}"))
+        return limits
 
     def program(self) -> MotionProgram:
         """The step as a program for a robot controller, with the events grip and release."""
         arm = self.verdict
         return arm.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
 
-
-STEP = report_table(
-    "sequence_step",
-    "One pick of the sequence.",
-    required("name", TEXT, "name of the pick", get=lambda row: row[1].name),
-    required("start", NOT_NEGATIVE, "from the start of the sequence", "s", lambda row: row[1].start),
-    required("duration", NOT_NEGATIVE, "transit, all motions and dwell times", "s", lambda row: row[1].duration),
-    required(
-        "shortest", NOT_NEGATIVE, "lower bound of the duration, without obstacles", "s", lambda row: row[1].shortest
-    ),
-    required("limited_by", ANY_TEXT, "what limits its longest motion", get=lambda row: row[1].limited_by),
-    required("member", ANY_TEXT, "how the grasp differs from the nominal one", get=lambda row: row[0].verdict.member),
-    required(
-        "q_grasp",
-        list_of(PLAIN_NUMBER),
-        "configuration at the grasp",
-        "rad or m",
-        lambda row: () if row[0].verdict.q_grasp is None else row[0].verdict.q_grasp,
-    ),
-    required(
-        "phases",
-        list_of(table_of(SequencePhase)),
-        "the motions and dwell times in order",
-        get=lambda row: row[0].phases,
-    ),
-)
-"""Of a step and its time."""
 
 PRECEDENCE = report_table(
     "precedence",
@@ -200,7 +234,7 @@ class SequenceResult(Answer, Saved, Written):
     indent = 2
 
     setup: PickSetup = key("the cell before the sequence", hidden=True)
-    steps: tuple[SequenceStep, ...] = key("the picks in order, with certified motions", hidden=True)
+    steps: tuple[SequenceStep, ...] = key("the picks in order, with certified motions")
     closing: PickMotion | None = key("the motion to the end; None if the end is free", hidden=True)
     left_out: tuple[LeftOut, ...] = key("picks that cannot be executed")
     precedence: Precedence = key("the pairs of picks in a fixed order, stated or demanded by geometry", hidden=True)
@@ -232,22 +266,21 @@ class SequenceResult(Answer, Saved, Written):
 
     def to_text(self) -> str:
         """The first picks with their times, those left out, what the order is worth, and the slowest picks."""
-        times = self.times
         lines = [
-            f"{number:4} {time.name:20} at {time.start:8.2f} s, {time.duration:6.2f} s"
-            for number, time in enumerate(times.picks[:SHOWN], start=1)
+            f"{number:4} {step.name:20} at {step.start:8.2f} s, {step.duration:6.2f} s"
+            for number, step in enumerate(self.steps[:SHOWN], start=1)
         ]
-        if len(times.picks) > SHOWN:
-            lines.append(f"     and {len(times.picks) - SHOWN} more picks")
+        if len(self.steps) > SHOWN:
+            lines.append(f"     and {len(self.steps) - SHOWN} more picks")
         lines += [f"   - {pick.name:20} left out: {pick.reason}" for pick in self.left_out]
         lines.append(self.message)
         if self.steps:
-            shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in times.utilisation.items())
+            shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.utilisation.items())
             orders = f"{self.file_order:.2f} s and of the nearest neighbour {self.nearest_neighbour:.2f} s"
             bounds = f"lower bound {self.lower_bound:.2f} s, motions {self.moving:.2f} s"
             lines += [f"{bounds}; bounds of the file order {orders}", f"utilisation: {shares}"]
-            for time in times.slowest(SLOWEST):
-                lines.append(f"slow: {time.name}, {time.duration:.2f} s, limited by {time.limited_by}")
+            for step in self.slowest(SLOWEST):
+                lines.append(f"slow: {step.name}, {step.duration:.2f} s, limited by {step.limited_by}")
         return "\n".join(lines)
 
     def __iter__(self) -> Iterator[SequenceStep]:
@@ -342,16 +375,22 @@ class SequenceResult(Answer, Saved, Written):
         """What the certificates do not cover."""
         return self.setup.not_covered({step.pick.carried is not None for step in self.steps})
 
-    @cached_property
-    def times(self) -> CycleTime:
-        """The cycle time, pick by pick."""
-        return cycle_time(self)
-
     @property
     @reported("s", kind=mapping_to(NOT_NEGATIVE))
     def by_phase(self) -> dict[str, float]:
-        """Time of all picks by phase."""
-        return self.times.by_phase
+        """Time of all picks by phase, in the order of the phases; the closing motion counts as transit."""
+        closing = () if self.closing is None else (SequencePhase("transit", 0.0, self.closing_time, self.closing),)
+        total = _by_phase([*closing, *(phase for step in self.steps for phase in step.phases)])
+        return {name: total[name] for name in PHASES if total.get(name)}
+
+    @property
+    def utilisation(self) -> dict[str, float]:
+        """The share of the cycle of each phase."""
+        return {name: seconds / self.duration for name, seconds in self.by_phase.items()} if self.duration else {}
+
+    def slowest(self, count: int = 5) -> tuple[SequenceStep, ...]:
+        """The picks with the longest durations, the slowest first."""
+        return tuple(sorted(self.steps, key=lambda step: -step.duration)[:count])
 
     @property
     @reported(name="precedence", kind=list_of(PRECEDENCE))
@@ -365,27 +404,21 @@ class SequenceResult(Answer, Saved, Written):
         """The motion to the end."""
         return 0.0 if self.closing is None else self.closing.trajectory.duration
 
-    @property
-    @reported(name="steps", kind=list_of(STEP))
-    def timed_steps(self) -> list[tuple[SequenceStep, PickTime]]:
-        """The picks in order."""
-        return list(zip(self.steps, self.times.picks, strict=True))
-
     def to_csv(self) -> str:
         """One row for each pick in order, then one for each that is left out."""
         rows: list[tuple[object, ...]] = []
-        for number, (step, time) in enumerate(self.timed_steps, start=1):
-            phases = (time.phases.get(name, "") for name in PHASES)
-            limits = time.shortest, OPTIONAL_NUMBER.write(step.verdict.clearance), time.limited_by
-            rows.append((number, time.name, time.start, time.duration, *phases, *limits, ""))
+        for number, step in enumerate(self.steps, start=1):
+            phases = (step.by_phase.get(name, "") for name in PHASES)
+            limits = step.shortest, OPTIONAL_NUMBER.write(step.verdict.clearance), step.limited_by
+            rows.append((number, step.name, step.start, step.duration, *phases, *limits, ""))
         blank = [""] * (len(COLUMNS) - 3)
         return csv_text(COLUMNS, [*rows, *(("", pick.name, *blank, pick.reason) for pick in self.left_out)])
 
     def to_markdown(self) -> str:
         """The result in one line, and a table of the picks."""
         rows: list[tuple[object, ...]] = [
-            (number, time.name, f"{time.start:.2f} s", f"{time.duration:.2f} s", time.limited_by)
-            for number, time in enumerate(self.times.picks, start=1)
+            (number, step.name, f"{step.start:.2f} s", f"{step.duration:.2f} s", step.limited_by)
+            for number, step in enumerate(self.steps, start=1)
         ]
         rows += [("", pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
         table = Rows(("", "pick", "start", "duration", "limited by"), rows, numbers={"", "start", "duration"})
@@ -399,117 +432,12 @@ class SequenceResult(Answer, Saved, Written):
         return f"the sequence lacks picks: {reasons}"
 
 
-DETOUR = 1.1
-"""A motion that takes this multiple of the slowest joint's shortest time is limited by its detour around obstacles."""
-
-STRAIGHT = ("approach", "retreat", "place", "leave")
-"""The motions along straight lines, which cannot be shorter than the line permits."""
-
-
-@dataclass(frozen=True)
-class PickTime:
-    """The time of one pick.
-
-    Parameters
-    ----------
-    name
-        The name of the pick.
-    start, duration
-        Seconds from the start of the sequence, and of all phases.
-    phases
-        Seconds by phase: those of ``transit``, ``approach``, ``grip``, ``retreat``, ``transfer``, ``place``,
-        ``release`` and ``leave`` that occur.
-    shortest
-        Lower bound (s) of the duration: of transit and transfer the time of the slowest joint without obstacles.
-    limited_by
-        What limits the longest motion: a joint, a detour around obstacles, or the speed of the tool.
-    """
-
-    name: str
-    start: float
-    duration: float
-    phases: dict[str, float]
-    shortest: float
-    limited_by: str
-
-
-@dataclass(frozen=True)
-class CycleTime:
-    """The cycle time of a sequence.
-
-    Parameters
-    ----------
-    picks
-        The times of the picks in order.
-    closing
-        Seconds of the motion to the end.
-    duration
-        Seconds of the cycle.
-    """
-
-    picks: tuple[PickTime, ...]
-    closing: float
-    duration: float
-
-    @property
-    def by_phase(self) -> dict[str, float]:
-        """Seconds of all picks by phase, in the order of the phases; the closing motion counts as transit."""
-        total = dict.fromkeys(PHASES, 0.0)
-        total["transit"] += self.closing
-        for pick in self.picks:
-            for name, seconds in pick.phases.items():
-                total[name] += seconds
-        return {name: seconds for name, seconds in total.items() if seconds > 0.0}
-
-    @property
-    def utilisation(self) -> dict[str, float]:
-        """The share of the cycle of each phase."""
-        return {name: seconds / self.duration for name, seconds in self.by_phase.items()} if self.duration else {}
-
-    @property
-    def parts_per_minute(self) -> float:
-        """Number of picks in a minute."""
-        return 60.0 * len(self.picks) / self.duration if self.duration else float("nan")
-
-    def slowest(self, count: int = 5) -> tuple[PickTime, ...]:
-        """The picks with the longest durations, the slowest first."""
-        return tuple(sorted(self.picks, key=lambda pick: -pick.duration)[:count])
-
-
-def cycle_time(result: SequenceResult) -> CycleTime:
-    """The cycle time of a sequence, pick by pick."""
-    arm = result.setup.checker.arm
-    bounds = Bounds.of(arm.limits, arm.joint_names)
-    picks = []
-    for step in result.steps:
-        phases: dict[str, float] = {}
-        for phase in step.phases:
-            phases[phase.name] = phases.get(phase.name, 0.0) + phase.duration
-        shortest = phases.get("grip", 0.0) + phases.get("release", 0.0)
-        limits: list[tuple[float, str]] = []
-        for motion in step.verdict.motions:
-            least, limit = _limit(arm, motion, bounds, tool_speed=motion.name in step.pick.speed)
-            shortest += least
-            limits.append((motion.trajectory.duration, limit))
-        picks.append(PickTime(step.pick.name, step.start, step.duration, phases, shortest, max(limits)[1]))
-    return CycleTime(tuple(picks), result.closing_time, result.duration)
-
-
-def _limit(arm: Arm, motion: PickMotion, bounds: Bounds, *, tool_speed: bool) -> tuple[float, str]:
-    """The shortest time (s) of a motion, and what limits it."""
-    moved = motion.trajectory
-    times = least_times(moved.end - moved.start, bounds, by_joint=True)
-    least, slowest = float(times.max()), arm.joint_names[int(times.argmax())]
-    if motion.torques and max(peak.share for peak in motion.torques) > 1 / DETOUR:
-        worst = max(motion.torques, key=lambda peak: peak.share)
-        return least, f"{motion.name}: torque of {worst.joint}"
-    if motion.name in STRAIGHT:
-        return moved.duration, f"{motion.name}: " + ("tool speed" if tool_speed else f"{slowest} on the straight line")
-    if moved.duration <= DETOUR * least:
-        return least, f"{motion.name}: {slowest}"
-    if tool_speed:
-        return least, f"{motion.name}: tool speed"
-    return least, f"{motion.name}: detour of {moved.duration - least:.2f} s around obstacles"
+def _by_phase(phases: Iterable[SequencePhase]) -> dict[str, float]:
+    """Seconds of the phases by name."""
+    total: dict[str, float] = {}
+    for phase in phases:
+        total[phase.name] = total.get(phase.name, 0.0) + phase.duration
+    return total
 
 
 def write_sequence_page(
@@ -551,8 +479,7 @@ def write_sequence_page(
             phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
     # The rows of the table, and the bars of the chart
     rows = [
-        CellRow(time.name, time.start, time.duration, step.verdict.clearance, time.limited_by)
-        for step, time in zip(result.steps, result.times.picks, strict=True)
+        CellRow(step.name, step.start, step.duration, step.verdict.clearance, step.limited_by) for step in result.steps
     ]
     bars = [
         Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")

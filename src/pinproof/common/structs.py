@@ -809,6 +809,15 @@ def struct(
     return decorated
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(key, field))
+def described(**options: Any) -> Callable[[Class], Class]:
+    """Make a class a frozen dataclass that no file contains; the docstring lists the fields as :func:`key` states them.
+
+    The options are those of :func:`dataclasses.dataclass`.
+    """
+    return struct(written=True, **options)
+
+
 @dataclass(frozen=True, eq=False)
 class _Struct:
     """What follows from the declaration of a class; made when needed, because annotations may name later classes."""

@@ -24,7 +24,6 @@ time s up to u / a. If the sum since q last changed exceeds the tolerance, q is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -38,6 +37,7 @@ from pinproof.collision import (
     setup_of,
 )
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory, check_limits
@@ -68,47 +68,38 @@ class MonitorStatus(Enum):
     INVALID = "the measurement is not finite, not later than the last one, or has not changed on a moving robot"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class MonitorResult(Shown):
-    """The result of one control tick.
+    """The result of one control tick."""
 
-    Parameters
-    ----------
-    status
-        INSIDE; or an alarm: OUTSIDE_BRAKING_FREE, OUTSIDE or INVALID.
-    time
-        Seconds since the start of the motion.
-    progress
-        The time (s) of the configuration of the motion with which the measurement is compared: ``time``, or the time
-        of the closest configuration if the robot is early or late.
-    deviation
-        (n,) rad or m: the largest deviation of each joint from the motion, within the latency.
-    joint
-        The joint that leaves the tube farthest in relation to its tolerance; empty if none does.
-    excess
-        rad or m: by how much this joint leaves the tube; 0 if none does.
-    braking
-        The segment of the stop, from the measurement to the end of the stop; None if the status is INSIDE or INVALID.
-    braking_tolerance
-        (n,) rad or m: the deviations from the segment that the proof of the stop covers; None without a segment.
-    stop
-        Seconds from the measurement to rest; 0 without a segment.
-    q, dq
-        (n,) the measured positions, and the velocities that were measured or estimated from them; for
-        :meth:`Monitor.stop_trajectory`. NaN where they are not known.
-    """
-
-    status: MonitorStatus
-    time: float
-    progress: float
-    deviation: Array
-    joint: str = ""
-    excess: float = 0.0
-    braking: JointPath | None = None
-    braking_tolerance: Array | None = None
-    stop: float = 0.0
-    q: Array = field(default_factory=lambda: np.empty(0))
-    dq: Array = field(default_factory=lambda: np.empty(0))
+    status: MonitorStatus = key("INSIDE; or an alarm: OUTSIDE_BRAKING_FREE, OUTSIDE or INVALID")
+    time: float = key("since the start of the motion", "s")
+    progress: float = key(
+        "the time (s) of the configuration of the motion with which the measurement is compared: ``time``, or the "
+        "time of the closest configuration if the robot is early or late"
+    )
+    deviation: Array = key("(n,) rad or m: the largest deviation of each joint from the motion, within the latency")
+    joint: str = key(
+        "the joint that leaves the tube farthest in relation to its tolerance; empty if none does", default=""
+    )
+    excess: float = key("rad or m: by how much this joint leaves the tube; 0 if none does", default=0.0)
+    braking: JointPath | None = key(
+        "the segment of the stop, from the measurement to the end of the stop; None if the status is INSIDE or INVALID",
+        default=None,
+    )
+    braking_tolerance: Array | None = key(
+        "(n,) rad or m: the deviations from the segment that the proof of the stop covers; None without a segment",
+        default=None,
+    )
+    stop: float = key("from the measurement to rest; 0 without a segment", "s", default=0.0)
+    q: Array = key(
+        "(n,) the measured positions, for :meth:`Monitor.stop_trajectory`; NaN where they are not known",
+        default_factory=lambda: np.empty(0),
+    )
+    dq: Array = key(
+        "(n,) the velocities that were measured or estimated from the positions; NaN where they are not known",
+        default_factory=lambda: np.empty(0),
+    )
 
     @property
     def inside(self) -> bool:

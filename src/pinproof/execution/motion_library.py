@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
@@ -35,7 +35,9 @@ from pinproof.common.structs import (
     PLAIN_NUMBER,
     Kind,
     Table,
+    described,
     errors_of,
+    key,
     list_of,
     required,
     schema_version,
@@ -93,26 +95,16 @@ LIBRARY = Table(
 )
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class StoredMotion(Shown):
-    """A motion of a library, with its certificate in the scene of the library.
+    """A motion of a library, with its certificate in the scene of the library."""
 
-    Parameters
-    ----------
-    name
-        Its name.
-    trajectory
-        The motion.
-    certificate
-        The certificate for the checker of the library: FREE, COLLIDING or UNDECIDED.
-    proof
-        Its latest FREE certificate with evidence, in this scene or in an earlier one; None without one.
-    """
-
-    name: str
-    trajectory: Trajectory
-    certificate: Certificate
-    proof: StoredProof | None
+    name: str = key("its name")
+    trajectory: Trajectory = key("the motion")
+    certificate: Certificate = key("the certificate for the checker of the library: FREE, COLLIDING or UNDECIDED")
+    proof: StoredProof | None = key(
+        "its latest FREE certificate with evidence, in this scene or in an earlier one; None without one"
+    )
 
     @property
     def free(self) -> bool:
@@ -124,29 +116,17 @@ class StoredMotion(Shown):
         return View(head, [self.certificate, self.trajectory], (repr(self.trajectory),), title=self.name)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class RepairResult(Answer):
-    """The outcome of a repair.
+    """The outcome of a repair."""
 
-    Parameters
-    ----------
-    library
-        The library with the repaired motion; the library itself if the repair failed.
-    motion
-        The motion of ``library``: FREE if the repair succeeded.
-    replaced
-        Start and end (s) of the part of the former motion that was replaced; None if nothing was replaced.
-    plan
-        The last plan; None if no part was planned again.
-    message
-        The outcome as a sentence.
-    """
-
-    library: MotionLibrary
-    motion: StoredMotion
-    replaced: tuple[float, float] | None
-    plan: PlanResult | None
-    message: str
+    library: MotionLibrary = key("the library with the repaired motion; the library itself if the repair failed")
+    motion: StoredMotion = key("the motion of ``library``: FREE if the repair succeeded")
+    replaced: tuple[float, float] | None = key(
+        "start and end (s) of the part of the former motion that was replaced; None if nothing was replaced"
+    )
+    plan: PlanResult | None = key("the last plan; None if no part was planned again")
+    message: str = key("the outcome as a sentence")
 
     @property
     def ok(self) -> bool:
@@ -475,9 +455,9 @@ class MotionLibrary(Shown):
             "tool_sha256": "other attached objects than your checker has",
             "margin": f"a margin of {data['margin'] * 1e3:.9g} mm; your checker has {checker.margin * 1e3:.9g} mm",
         }
-        for key, other in what.items():
-            if data[key] != own[key]:
-                raise FileError(path, f"its motions were certified for {other}; certify and store them again", key)
+        for name, other in what.items():
+            if data[name] != own[name]:
+                raise FileError(path, f"its motions were certified for {other}; certify and store them again", name)
         if len(data["joint_tolerance"]) != group.dof:
             raise FileError(path, f"must have {group.dof} numbers, one for each joint", "joint_tolerance")
         # Each motion must be the one that was written

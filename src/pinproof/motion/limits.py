@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.model import JointLimits, distinct
 from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, is_timed, parameter_text
@@ -190,31 +191,17 @@ def inside_position_limits(trajectory: BezierCurve, bounds: Bounds) -> bool:
 # -- the check of a curve ----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class LimitViolation:
-    """A joint that exceeds a limit by more than :data:`LIMIT_TOLERANCE`.
+    """A joint that exceeds a limit by more than :data:`LIMIT_TOLERANCE`."""
 
-    Parameters
-    ----------
-    joint, quantity, limit
-        What is exceeded (rad or m, per s or s^2).
-    value
-        The extreme over the whole curve; of velocity and acceleration the magnitude.
-    time
-        The parameter at which it is reached: seconds on a trajectory, waypoint index on a path.
-    q
-        (n,) the configuration there.
-    place
-        The parameter as text.
-    """
-
-    joint: str
-    quantity: Quantity
-    value: float
-    limit: float
-    time: float
-    q: Array
-    place: str
+    joint: str = key("the joint")
+    quantity: Quantity = key("the quantity whose limit is exceeded")
+    value: float = key("the extreme over the whole curve; of velocity and acceleration the magnitude")
+    limit: float = key("the limit that is exceeded", "rad or m, per s or s^2")
+    time: float = key("the parameter at which it is reached: seconds on a trajectory, waypoint index on a path")
+    q: Array = key("(n,) the configuration there")
+    place: str = key("the parameter as text")
 
     def __str__(self) -> str:
         value, limit = distinct(self.value, self.limit)
@@ -222,31 +209,24 @@ class LimitViolation:
         return f"{self.joint} reaches a {self.quantity} of {value} at {self.place}; its limit is {limit} ({unit})"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class LimitCheck:
-    """The comparison of a curve with joint limits.
+    """The comparison of a curve with joint limits."""
 
-    Parameters
-    ----------
-    checked
-        The quantities that were compared: of a path only the position, and the acceleration only if it is known for at
-        least one joint, because the default accelerations of :class:`~pinproof.JointLimits` are no limits of the robot.
-    violations
-        At most two for each joint and quantity; empty if the curve is within the limits.
-    limits
-        The limits that were stated.
-    velocity, acceleration
-        (n,) those that were compared, in the order of the joints of the curve; infinite where none was.
-    unknown
-        For a curve with time, the joints whose velocity or acceleration was not compared.
-    """
-
-    checked: tuple[Quantity, ...]
-    violations: tuple[LimitViolation, ...]
-    limits: JointLimits
-    velocity: Array
-    acceleration: Array
-    unknown: Mapping[Quantity, tuple[str, ...]]
+    checked: tuple[Quantity, ...] = key(
+        "the quantities that were compared: of a path only the position, and the acceleration only if it is known "
+        "for at least one joint, because the default accelerations of :class:`~pinproof.JointLimits` are no limits "
+        "of the robot"
+    )
+    violations: tuple[LimitViolation, ...] = key(
+        "at most two for each joint and quantity; empty if the curve is within the limits"
+    )
+    limits: JointLimits = key("the limits that were stated")
+    velocity: Array = key("(n,) the limits that were compared, for the joints of the curve; infinite where none was")
+    acceleration: Array = key("(n,) the same of accelerations")
+    unknown: Mapping[Quantity, tuple[str, ...]] = key(
+        "for a curve with time, the joints whose velocity or acceleration was not compared"
+    )
 
     def __str__(self) -> str:
         if self.violations:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -26,7 +25,9 @@ from pinproof.common.structs import (
     Misread,
     Table,
     choice,
+    described,
     errors_of,
+    key,
     list_of,
     mapping_to,
     required,
@@ -58,26 +59,14 @@ PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_fro
 PROGRAM_SCHEMA = "pinproof/program/1"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ProgramSegment:
-    """A motion between two events or certificates.
+    """A motion between two events or certificates."""
 
-    Parameters
-    ----------
-    name
-        The name, such as ``"transit"``.
-    start
-        Seconds from the start of the program to the start of this segment.
-    trajectory
-        The motion; its own times start at 0.
-    certificate
-        The hash of the certificate's record, a key of :attr:`MotionProgram.certificates`.
-    """
-
-    name: str
-    start: float
-    trajectory: Trajectory
-    certificate: str
+    name: str = key('the name, such as ``"transit"``')
+    start: float = key("from the start of the program to the start of this segment", "s")
+    trajectory: Trajectory = key("the motion; its own times start at 0")
+    certificate: str = key("the hash of the certificate's record, a key of :attr:`MotionProgram.certificates`")
 
     @property
     def end(self) -> float:
@@ -85,29 +74,18 @@ class ProgramSegment:
         return (_clock(self.start) + _clock(self.trajectory.duration)) / NANO
 
 
-@dataclass(frozen=True)
+@described()
 class ProgramEvent:
-    """What happens while the arm rests between two segments.
+    """What happens while the arm rests between two segments."""
 
-    Parameters
-    ----------
-    kind
-        ``"grip"`` or ``"release"``.
-    time
-        Seconds from the start of the program, at the end of a segment.
-    dwell
-        Seconds that the arm then rests; the next segment starts at ``time + dwell``.
-    object
-        The name of the object that is gripped or released; empty if the pick states none.
-    joints
-        Values (rad or m) of the gripper joints after the event, by name; empty for a gripper that is not a joint.
-    """
-
-    kind: EventKind
-    time: float
-    dwell: float = 0.0
-    object: str = ""
-    joints: Mapping[str, float] = field(default_factory=dict)
+    kind: EventKind = key('``"grip"`` or ``"release"``')
+    time: float = key("from the start of the program, at the end of a segment", "s")
+    dwell: float = key("how long the arm then rests; the next segment starts at ``time + dwell``", "s", default=0.0)
+    object: str = key("the name of the object that is gripped or released; empty if the pick states none", default="")
+    joints: Mapping[str, float] = key(
+        "values (rad or m) of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+        default_factory=dict,
+    )
 
     @property
     def end(self) -> float:
@@ -115,25 +93,9 @@ class ProgramEvent:
         return (_clock(self.time) + _clock(self.dwell)) / NANO
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class MotionProgram(Shown):
     """Segments and events on one clock, which starts at 0.
-
-    Parameters
-    ----------
-    name
-        The name of the program, such as the name of its pick.
-    segments
-        The motions in order. Each starts where the previous one ends, and when the dwell time between them has passed.
-    events
-        The events in order, each at the end of a segment.
-    certificates
-        The records of the certificates by :func:`certificate_id`. Consecutive segments with the same certificate form
-        one certified motion.
-    robot, tcp
-        The robot and its tcp frame; empty if they are not known.
-    member
-        How the chosen grasp differs from the nominal one, as in :attr:`pinproof.picks.PickVerdict.member`.
 
     Raises
     ------
@@ -142,13 +104,20 @@ class MotionProgram(Shown):
         the end of a segment, or a certificate is missing.
     """
 
-    name: str
-    segments: tuple[ProgramSegment, ...]
-    events: tuple[ProgramEvent, ...]
-    certificates: Mapping[str, MotionRecord]
-    robot: str = ""
-    tcp: str = ""
-    member: str = ""
+    name: str = key("the name of the program, such as the name of its pick")
+    segments: tuple[ProgramSegment, ...] = key(
+        "the motions in order. Each starts where the previous one ends, and when the dwell time between them has passed"
+    )
+    events: tuple[ProgramEvent, ...] = key("the events in order, each at the end of a segment")
+    certificates: Mapping[str, MotionRecord] = key(
+        "the records of the certificates by :func:`certificate_id`. Consecutive segments with the same certificate "
+        "form one certified motion"
+    )
+    robot: str = key("the robot; empty if it is not known", default="")
+    tcp: str = key("its tcp frame; empty if it is not known", default="")
+    member: str = key(
+        "how the chosen grasp differs from the nominal one, as in :attr:`pinproof.picks.PickVerdict.member`", default=""
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "segments", tuple(self.segments))

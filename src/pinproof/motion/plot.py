@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
@@ -42,28 +43,16 @@ class DrawnConstraint(Protocol):
         """(N, m) alpha, beta, gamma and the bound."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Panel:
-    """A quantity of a motion over time, with its limits.
+    """A quantity of a motion over time, with its limits."""
 
-    Parameters
-    ----------
-    name, unit
-        The quantity and its unit; the unit is empty for a constraint.
-    labels
-        The m joints or components.
-    values
-        (N, m) values at the times of the plot.
-    lower, upper
-        (m,) the limits, infinite without a limit.
-    """
-
-    name: str
-    unit: str
-    labels: tuple[str, ...]
-    values: Array
-    lower: Array
-    upper: Array
+    name: str = key("the quantity, or the name of a constraint")
+    unit: str = key("its unit; empty for a constraint")
+    labels: tuple[str, ...] = key("the m joints or components")
+    values: Array = key("(N, m) values at the times of the plot")
+    lower: Array = key("(m,) the lower limits, infinite without a limit")
+    upper: Array = key("(m,) the upper limits")
 
 
 @dataclass

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
@@ -46,27 +47,21 @@ HASH_DIGITS = 8
 SAMPLES_PER_PIECE = 16
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class JointMap:
     """How the joint values of a controller follow from the robot model: signs, offsets, and a coupling.
 
     controller = sign * q + offset, and then joint 3 is increased by ``coupling`` times joint 2 of the controller. A
     straight line in one joint space is a straight line in the other, because the map is affine.
-
-    Parameters
-    ----------
-    signs
-        (n,) of +1 and -1.
-    offsets
-        (n,) rad.
-    coupling
-        -1 for FANUC arms, whose joint 3 is measured from the horizontal, with a URDF whose joint 3 is measured from
-        joint 2; 0 otherwise.
     """
 
-    signs: Array
-    offsets: Array
-    coupling: float = 0.0
+    signs: Array = key("(n,) of +1 and -1")
+    offsets: Array = key("(n,) rad")
+    coupling: float = key(
+        "-1 for FANUC arms, whose joint 3 is measured from the horizontal, with a URDF whose joint 3 is measured "
+        "from joint 2; 0 otherwise",
+        default=0.0,
+    )
 
     def __post_init__(self) -> None:
         signs, offsets = finite("signs", self.signs, (None,)), finite("offsets", self.offsets, (None,))
@@ -129,38 +124,22 @@ class ProgramPick:
     motions: tuple[tuple[str, int], ...]
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class RobotProgram:
-    """A program of a controller, as parsed from its text; see :meth:`load` and :meth:`Trajectory.to_program`.
+    """A program of a controller, as parsed from its text; see :meth:`load` and :meth:`Trajectory.to_program`."""
 
-    Parameters
-    ----------
-    name
-        The name of the program in the text.
-    dialect
-        The language: ``urscript``, ``rapid``, ``krl``, ``fanuc`` or ``ros2``.
-    joint_names
-        The n joints of the robot model, in the order of the values.
-    steps
-        What the controller executes, in order.
-    deviation
-        rad: by how much each joint may deviate from the straight lines of the moves, as assumed for the certificate.
-    certificate
-        The hash of the certificate of the program; empty if it was not certified.
-    text
-        The complete text.
-    picks
-        The picks that the program executes, in order, as :func:`pinproof.picks.export_picks` states them.
-    """
-
-    name: str
-    dialect: str
-    joint_names: tuple[str, ...]
-    steps: tuple[Step, ...]
-    deviation: float
-    certificate: str
-    text: str
-    picks: tuple[ProgramPick, ...] = ()
+    name: str = key("the name of the program in the text")
+    dialect: str = key("the language: ``urscript``, ``rapid``, ``krl``, ``fanuc`` or ``ros2``")
+    joint_names: tuple[str, ...] = key("the n joints of the robot model, in the order of the values")
+    steps: tuple[Step, ...] = key("what the controller executes, in order")
+    deviation: float = key(
+        "by how much each joint may deviate from the straight lines of the moves, as assumed for the certificate", "rad"
+    )
+    certificate: str = key("the hash of the certificate of the program; empty if it was not certified")
+    text: str = key("the complete text")
+    picks: tuple[ProgramPick, ...] = key(
+        "the picks that the program executes, in order, as :func:`pinproof.picks.export_picks` states them", default=()
+    )
 
     @property
     def moves(self) -> tuple[JointMove | LinearMove | StreamedPoint | StreamedTrajectory, ...]:
@@ -390,8 +369,8 @@ def _hash(line: str) -> str:
 
 def _fold(entries: dict[str, str], width: int) -> Iterable[str]:
     """Comments of at most ``width`` characters; one that continues the previous one begins with ``+``."""
-    for key, value in entries.items():
-        rest, mark = (f"{key}: {value}" if key else value), ""
+    for name, value in entries.items():
+        rest, mark = (f"{name}: {value}" if name else value), ""
         while rest:
             end = width - len(mark)
             if len(rest) > end:

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import spiral_directions
+from pinproof.common.structs import described, key
 from pinproof.spatial import Array
 from pinproof.viewer.stage import Drawing, DrawnObstacle, box_corners
 from pinproof.viewer.surfaces import Surface
@@ -94,23 +95,15 @@ CHUNK = 20_000
 """Number of points whose extremes are computed at a time, to limit the memory."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class View:
-    """The view of the camera.
+    """The view of the camera."""
 
-    Parameters
-    ----------
-    direction
-        (3,) unit vector from the centre of the picture to the camera, in the root frame.
-    points
-        (K, 3) points that the picture must contain: extreme points of the robot over the motion, and of the tcp path.
-    margin
-        Fraction of half the canvas that is left free around them.
-    """
-
-    direction: Array
-    points: Array
-    margin: float = MARGIN
+    direction: Array = key("(3,) unit vector from the centre of the picture to the camera, in the root frame")
+    points: Array = key(
+        "(K, 3) points that the picture must contain: extreme points of the robot over the motion, and of the tcp path"
+    )
+    margin: float = key("fraction of half the canvas that is left free around them", default=MARGIN)
 
     @property
     def radius(self) -> float:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CheckResult, FirstContact
 from pinproof.common import theme
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 from pinproof.viewer.camera import View
@@ -36,24 +37,16 @@ SIDES = 10
 """Segments of the cross section of an arrow; there may be thousands of arrows."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class PoseMarkers:
-    """Poses that are marked by coloured arrows.
+    """Poses that are marked by coloured arrows."""
 
-    Parameters
-    ----------
-    poses
-        (N, 4, 4) ``root_from_tip``. Each arrow ends at the tip and points along its z axis; the bar across its other
-        end is parallel to the x axis.
-    kinds
-        (N,) index of the colour of each pose.
-    colours
-        (r, g, b) from 0 to 1.
-    """
-
-    poses: Array
-    kinds: npt.NDArray[np.int64]
-    colours: tuple[Rgb, ...]
+    poses: Array = key(
+        "(N, 4, 4) ``root_from_tip``. Each arrow ends at the tip and points along its z axis; the bar across its "
+        "other end is parallel to the x axis"
+    )
+    kinds: npt.NDArray[np.int64] = key("(N,) index of the colour of each pose")
+    colours: tuple[Rgb, ...] = key("(r, g, b) from 0 to 1")
 
     def settings(self, commands: Commands) -> dict[str, Any]:
         """The settings from which the script of the page draws the arrows; arrays are stored in ``commands``."""
@@ -281,20 +274,9 @@ LEGEND_STEPS = 5
 """Number of colours in the legend."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ColouredPoints:
     """Coloured points, such as a reach map or a scan.
-
-    Parameters
-    ----------
-    xyz
-        (N, 3) metres, in the frame of the robot's root link.
-    rgb
-        (N, 3) in [0, 1].
-    size
-        Diameter of the drawn points in metres.
-    legend
-        (text, (r, g, b)) pairs that explain the colours.
 
     Raises
     ------
@@ -302,10 +284,12 @@ class ColouredPoints:
         If the shape of an array is wrong, a number is not finite or out of range, or the size is not positive.
     """
 
-    xyz: Array
-    rgb: Array
-    size: float = 0.02
-    legend: tuple[tuple[str, tuple[float, float, float]], ...] = ()
+    xyz: Array = key("(N, 3) metres, in the frame of the robot's root link")
+    rgb: Array = key("(N, 3) in [0, 1]")
+    size: float = key("diameter of the drawn points", "m", default=0.02)
+    legend: tuple[tuple[str, tuple[float, float, float]], ...] = key(
+        "(text, (r, g, b)) pairs that explain the colours", default=()
+    )
 
     def __post_init__(self) -> None:
         xyz = finite("xyz", self.xyz, (None, 3))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.common import theme
+from pinproof.common.structs import described, key
 from pinproof.common.theme import SERIES
 from pinproof.model import JointGroup
 from pinproof.motion import Bounds, MotionLimits, Panel, RateConstraint, Trajectory, panels_of
@@ -151,23 +151,13 @@ UNITS = {"torque": "N m or N"}
 """Units of the panels of constraints by their names."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class PlotLimits:
-    """The limits of the plots of a page, as for :meth:`pinproof.Trajectory.plot`.
+    """The limits of the plots of a page, as for :meth:`pinproof.Trajectory.plot`."""
 
-    Parameters
-    ----------
-    limits
-        Limits of position, velocity and acceleration; None for none.
-    jerk
-        Jerk limits, (n,) or one number; None for none.
-    rate_limits
-        Constraints such as torques, each of which adds a panel.
-    """
-
-    limits: MotionLimits | None = None
-    jerk: npt.ArrayLike | None = None
-    rate_limits: Sequence[RateConstraint] = ()
+    limits: MotionLimits | None = key("limits of position, velocity and acceleration; None for none", default=None)
+    jerk: npt.ArrayLike | None = key("jerk limits, (n,) or one number; None for none", default=None)
+    rate_limits: Sequence[RateConstraint] = key("constraints such as torques, each of which adds a panel", default=())
 
     @classmethod
     def of(cls, arm: JointGroup) -> PlotLimits:

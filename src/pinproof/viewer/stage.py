@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Mover, Obstacle, Scene
+from pinproof.common.structs import described, key
 from pinproof.description import LinkGeometry
 from pinproof.errors import InputError, MeshError
 from pinproof.ik import SelfMotionCurve
@@ -249,60 +250,48 @@ MOVING_TOLERANCE = 1e-9
 """Metres or matrix entries. A link whose pose changes by less needs no track."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class FilmPhase:
-    """A part of a motion with constant attached objects.
+    """A part of a motion with constant attached objects."""
 
-    Parameters
-    ----------
-    trajectory
-        Starts where the previous phase ends.
-    attached
-        Objects that move with the tcp of the first arm, in addition to those of the stage; poses are
-        ``tcp_from_object``.
-    held
-        Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
-    movers
-        The obstacles of the stage that move by themselves, as seen from the start of the phase.
-    start
-        Seconds at which the phase starts, if the arm rests before it; by default the end of the previous phase.
-    """
-
-    trajectory: Trajectory
-    attached: tuple[Obstacle, ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)
-    movers: tuple[Mover, ...] = ()
-    start: float | None = None
+    trajectory: Trajectory = key("starts where the previous phase ends")
+    attached: tuple[Obstacle, ...] = key(
+        "objects that move with the tcp of the first arm, in addition to those of the stage; poses are "
+        "``tcp_from_object``",
+        default=(),
+    )
+    held: Mapping[str, float] = key(
+        "values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage",
+        default_factory=dict,
+    )
+    movers: tuple[Mover, ...] = key(
+        "the obstacles of the stage that move by themselves, as seen from the start of the phase", default=()
+    )
+    start: float | None = key(
+        "when the phase starts, if the arm rests before it; by default the end of the previous phase",
+        "s",
+        default=None,
+    )
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Film:
-    """Key frames.
+    """Key frames."""
 
-    Parameters
-    ----------
-    times
-        (F,) seconds; F = 1 for a single configuration.
-    poses
-        (F, L, 4, 4) ``root_from_link`` of the drawn links.
-    tcps
-        (F, A, 3) positions of the tcps of the A arms in the root frame.
-    riders
-        By name, (F, 4, 4) ``root_from_object`` of objects that are attached in some phases. Before and after, they rest
-        where they are picked and placed.
-    frames
-        By name, (F, 4, 4) ``root_from_frame`` of further links.
-    moved
-        By name, (F, 4, 4) ``root_from_obstacle`` of the obstacles that a mover moves in some phases. They are not among
-        the riders, also if they are attached in other phases.
-    """
-
-    times: Array
-    poses: Array
-    tcps: Array
-    riders: dict[str, Array] = field(default_factory=dict)
-    frames: dict[str, Array] = field(default_factory=dict)
-    moved: dict[str, Array] = field(default_factory=dict)
+    times: Array = key("(F,) seconds; F = 1 for a single configuration")
+    poses: Array = key("(F, L, 4, 4) ``root_from_link`` of the drawn links")
+    tcps: Array = key("(F, A, 3) positions of the tcps of the A arms in the root frame")
+    riders: dict[str, Array] = key(
+        "by name, (F, 4, 4) ``root_from_object`` of objects that are attached in some phases. Before and after, "
+        "they rest where they are picked and placed",
+        default_factory=dict,
+    )
+    frames: dict[str, Array] = key("by name, (F, 4, 4) ``root_from_frame`` of further links", default_factory=dict)
+    moved: dict[str, Array] = key(
+        "by name, (F, 4, 4) ``root_from_obstacle`` of the obstacles that a mover moves in some phases. They are not "
+        "among the riders, also if they are attached in other phases",
+        default_factory=dict,
+    )
 
 
 def checked_motion(arm: JointGroup, motion: Trajectory) -> Trajectory:

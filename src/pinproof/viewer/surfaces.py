@@ -11,7 +11,7 @@ import inspect
 import re
 from base64 import b64encode
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,7 @@ from pinproof.collision import (
 )
 from pinproof.common import theme
 from pinproof.common.content_hash import cached, content_digest
+from pinproof.common.structs import described, key
 from pinproof.description import (
     COLOURED_SUFFIXES,
     LinkGeometry,
@@ -70,32 +71,20 @@ UV_GRID = 1 / 8192
 """Texture coordinates are rounded to this fraction of the texture's width, which is less than a pixel."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Surface:
-    """Triangles of one colour.
+    """Triangles of one colour."""
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) in metres.
-    normals
-        (V, 3) unit normals. They point outwards if the triangles are counter-clockwise seen from outside.
-    triangles
-        (F, 3) vertex indices.
-    rgba
-        Colour and opacity, 0 to 1. The colours of a texture are multiplied by it.
-    uv
-        (V, 2) texture coordinates, 0 to 1, from the lower left corner of the texture.
-    image
-        The texture as a ``data:`` URL.
-    """
-
-    vertices: Array
-    normals: Array
-    triangles: npt.NDArray[np.int64]
-    rgba: Rgba
-    uv: Array | None = None
-    image: str | None = None
+    vertices: Array = key("(V, 3) in metres")
+    normals: Array = key(
+        "(V, 3) unit normals. They point outwards if the triangles are counter-clockwise seen from outside"
+    )
+    triangles: npt.NDArray[np.int64] = key("(F, 3) vertex indices")
+    rgba: Rgba = key("colour and opacity, 0 to 1. The colours of a texture are multiplied by it")
+    uv: Array | None = key(
+        "(V, 2) texture coordinates, 0 to 1, from the lower left corner of the texture", default=None
+    )
+    image: str | None = key("the texture as a ``data:`` URL", default=None)
 
     def moved(self, a_from_b: Array) -> Surface:
         """Return the surface after a rigid transform (4, 4)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -15,13 +14,7 @@ from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
 from pinproof.collision import Obstacle, Scene, proven_millimetres
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
-from pinproof.common.structs import (
-    OPTIONAL_NUMBER,
-    TEXT,
-    key,
-    reported,
-    struct,
-)
+from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, described, key, reported, struct
 from pinproof.errors import InputError
 from pinproof.model import PART, JointGroup, guess_mark
 from pinproof.motion import Trajectory
@@ -54,26 +47,15 @@ class ArmTime:
     phases: tuple[ArmPiece, ...] = key("motions, dwell times and waits in order")
 
 
-@dataclass(frozen=True)
+@described()
 class PartState:
-    """A part that an arm grips, carries and releases.
+    """A part that an arm grips, carries and releases."""
 
-    Parameters
-    ----------
-    arm
-        The arm.
-    before, after
-        The part in the scene until the grip, and after the release; ``before`` is None for a part that the scene does
-        not contain.
-    gripped, released
-        Seconds on the common clock.
-    """
-
-    arm: str
-    before: Obstacle | None
-    after: Obstacle
-    gripped: float
-    released: float
+    arm: str = key("the arm")
+    before: Obstacle | None = key("the part in the scene until the grip; None if the scene does not contain it")
+    after: Obstacle = key("the part in the scene after the release")
+    gripped: float = key("on the common clock", "s")
+    released: float = key("on the common clock", "s")
 
 
 @struct(

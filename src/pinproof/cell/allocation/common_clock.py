@@ -31,6 +31,7 @@ from pinproof.common.structs import (
     COUNT,
     OPTIONAL_NUMBER,
     choice,
+    described,
     key,
     report_table,
     reported,
@@ -272,27 +273,19 @@ class CommonInterval:
         return self.start + self.trajectory.duration
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Timing:
-    """The programs of all arms on a common clock.
+    """The programs of all arms on a common clock."""
 
-    Parameters
-    ----------
-    programs
-        The pieces of each arm with waits.
-    trajectory
-        The motion of the joint group.
-    intervals
-        The certificates of the arms against each other, in order. The last one is not FREE if no waiting
-        times were found that make all of them FREE.
-    problem
-        Why no waiting times were found; empty if they were, or if a certificate states the reason.
-    """
-
-    programs: Mapping[str, list[ArmPiece]]
-    trajectory: Trajectory
-    intervals: tuple[CommonInterval, ...]
-    problem: str = ""
+    programs: Mapping[str, list[ArmPiece]] = key("the pieces of each arm with waits")
+    trajectory: Trajectory = key("the motion of the joint group")
+    intervals: tuple[CommonInterval, ...] = key(
+        "the certificates of the arms against each other, in order. The last one is not FREE if no waiting times "
+        "were found that make all of them FREE"
+    )
+    problem: str = key(
+        "why no waiting times were found; empty if they were, or if a certificate states the reason", default=""
+    )
 
     @property
     def free(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
-from pinproof.common.structs import key, struct
+from pinproof.common.structs import described, key, struct
 from pinproof.common.validation import require_integer
 from pinproof.description import CELL, PLACEMENT_JOINTS, LinkGeometry, MeshFile, moved_by, with_movable_base
 from pinproof.errors import InputError, UnknownNameError
@@ -88,19 +88,9 @@ class Placement:
         return f"{text}, {self.choice}" if self.choice else text
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class PlacementRegion:
     """The placements that are searched, in the frame of the scene and the picks.
-
-    Parameters
-    ----------
-    x, y, z
-        (lower, upper) in metres; equal values fix a coordinate.
-    yaw
-        (lower, upper) in radians, at most a full rotation.
-    forbidden
-        Volumes that the base and the bodies that move with it must not touch, such as a walkway. The moving links may
-        enter them.
 
     Raises
     ------
@@ -108,11 +98,15 @@ class PlacementRegion:
         If a range is empty or too large, or if names of forbidden zones are repeated.
     """
 
-    x: Range
-    y: Range
-    z: Range = (0.0, 0.0)
-    yaw: Range = (0.0, 0.0)
-    forbidden: tuple[Obstacle, ...] = ()
+    x: Range = key("(lower, upper); equal values fix a coordinate", "m")
+    y: Range = key("(lower, upper)", "m")
+    z: Range = key("(lower, upper)", "m", default=(0.0, 0.0))
+    yaw: Range = key("(lower, upper), at most a full rotation", "rad", default=(0.0, 0.0))
+    forbidden: tuple[Obstacle, ...] = key(
+        "volumes that the base and the bodies that move with it must not touch, such as a walkway. The moving links "
+        "may enter them",
+        default=(),
+    )
 
     def __post_init__(self) -> None:
         for name in AXES:
@@ -187,34 +181,21 @@ class PlacementRegion:
         return bool((placement >= self.lower - 1e-12).all() and (placement <= self.upper + 1e-12).all())
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class PlacementChoice:
     """One of several discrete alternatives: another robot, tool, length of the tool, or mounting.
 
     What is None is as in the arguments of :func:`pinproof.place_base`.
-
-    Parameters
-    ----------
-    name
-        Unique name.
-    arm
-        Another arm, with its own tcp and limits.
-    tip
-        ``tcp_from_tip`` of another tool, as ``pin.SE3`` or (4, 4).
-    tool
-        The bodies of another tool; their pose is ``tcp_from_body``.
-    mounting
-        ``"floor"``, ``"wall"``, ``"ceiling"``, or ``placement_from_root`` as ``pin.SE3`` or (4, 4).
-    home
-        (n,) another home configuration.
     """
 
-    name: str
-    arm: Arm | None = None
-    tip: SE3 | npt.ArrayLike | None = None
-    tool: Iterable[Obstacle] | None = None
-    mounting: str | SE3 | npt.ArrayLike = "floor"
-    home: npt.ArrayLike | None = field(default=None)
+    name: str = key("unique name")
+    arm: Arm | None = key("another arm, with its own tcp and limits", default=None)
+    tip: SE3 | npt.ArrayLike | None = key("``tcp_from_tip`` of another tool, as ``pin.SE3`` or (4, 4)", default=None)
+    tool: Iterable[Obstacle] | None = key("the bodies of another tool; their pose is ``tcp_from_body``", default=None)
+    mounting: str | SE3 | npt.ArrayLike = key(
+        '``"floor"``, ``"wall"``, ``"ceiling"``, or ``placement_from_root`` as ``pin.SE3`` or (4, 4)', default="floor"
+    )
+    home: npt.ArrayLike | None = key("(n,) another home configuration", default=None)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
 from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import CubicPath
 from pinproof.picks import DOWN, SUPPORT_GAP, PickCell, PickSetup, PickTask, support_names
@@ -19,20 +20,14 @@ from pinproof.spatial import Array
 Pair = tuple[int, int]
 
 
-@dataclass(frozen=True)
+@described()
 class Precedence:
-    """Pairs (before, after) of indices of picks, each with its reason.
+    """Pairs (before, after) of indices of picks, each with its reason."""
 
-    Parameters
-    ----------
-    names
-        The names of the picks.
-    reasons
-        Why the first pick of each pair must be executed before the second.
-    """
-
-    names: tuple[str, ...]
-    reasons: Mapping[Pair, str] = field(default_factory=dict)
+    names: tuple[str, ...] = key("the names of the picks")
+    reasons: Mapping[Pair, str] = key(
+        "why the first pick of each pair must be executed before the second", default_factory=dict
+    )
 
     @classmethod
     def stated(cls, names: Iterable[str], pairs: Iterable[tuple[str, str]]) -> Precedence:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.trajectory_files import Record
 from pinproof.spatial import SE3, Array
@@ -16,70 +17,36 @@ from pinproof.spatial import SE3, Array
 # -- steps -------------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@described()
 class Blend:
-    """The part of the two moves at a point in which the controller may leave their straight lines.
+    """The part of the two moves at a point in which the controller may leave their straight lines."""
 
-    Parameters
-    ----------
-    radius
-        Metres between the tcp and its position at the point; None if the controller does not use a radius.
-    share
-        Largest share of each of the two moves that the blend may use.
-    """
-
-    radius: float | None = None
-    share: float = 0.5
+    radius: float | None = key(
+        "between the tcp and its position at the point; None if the controller does not use a radius", "m", default=None
+    )
+    share: float = key("largest share of each of the two moves that the blend may use", default=0.5)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class JointMove:
-    """A move on a straight line in joint space: all joints start and end at the same time, in constant proportion.
+    """A move on a straight line in joint space: all joints start and end at the same time, in constant proportion."""
 
-    Parameters
-    ----------
-    q
-        (n,) rad, the end of the move.
-    duration
-        Seconds; None if the text states a speed instead.
-    blend
-        None for a stop at the end.
-    line
-        The line number in the text, from 1.
-    speed
-        rad/s of the joint that moves farthest; None if the text states none.
-    """
-
-    q: Array
-    duration: float | None = None
-    blend: Blend | None = None
-    line: int = 0
-    speed: float | None = None
+    q: Array = key("(n,) rad, the end of the move")
+    duration: float | None = key("None if the text states a speed instead", "s", default=None)
+    blend: Blend | None = key("None for a stop at the end", default=None)
+    line: int = key("the line number in the text, from 1", default=0)
+    speed: float | None = key("rad/s of the joint that moves farthest; None if the text states none", default=None)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class LinearMove:
-    """A move of the tcp on a straight line, with a stop at its end.
+    """A move of the tcp on a straight line, with a stop at its end."""
 
-    Parameters
-    ----------
-    q
-        (n,) rad, the configuration at the end; None if the text states the pose.
-    pose
-        ``base_from_tcp`` at the end; None if the text states joint values.
-    duration
-        Seconds; None if the text states a speed instead.
-    line
-        The line number in the text, from 1.
-    speed
-        m/s of the tcp; None if the text states none.
-    """
-
-    q: Array | None = None
-    pose: SE3 | None = None
-    duration: float | None = None
-    line: int = 0
-    speed: float | None = None
+    q: Array | None = key("(n,) rad, the configuration at the end; None if the text states the pose", default=None)
+    pose: SE3 | None = key("``base_from_tcp`` at the end; None if the text states joint values", default=None)
+    duration: float | None = key("None if the text states a speed instead", "s", default=None)
+    line: int = key("the line number in the text, from 1", default=0)
+    speed: float | None = key("m/s of the tcp; None if the text states none", default=None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.results import Rows, View
+from pinproof.common.structs import described, key
 from pinproof.ik.analytic_plan import Plan
 from pinproof.ik.analytic_self_motion import IkFamily, families_of
 from pinproof.ik.result import TURN, IkAnswer, nearest_winding
@@ -286,31 +287,23 @@ class IkBranches(IkAnswer):
         return View(self.message, [Rows(columns, rows, len(self))], title=title)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkBranchesBatch:
-    """The branches for N targets.
+    """The branches for N targets."""
 
-    Parameters
-    ----------
-    q
-        (N, k, n) distinct branches, each shifted by 2 pi to be closest to q0; NaN where a target has fewer than k.
-    count
-        (N,) number of branches of each target.
-    position_error, orientation_error
-        (N, k) in m and rad, by forward kinematics; NaN where a target has fewer than k branches.
-    outside
-        (N,) number of further branches that violate the limits; for a swept joint, at the values of the sweep.
-    complete
-        (N,) whether these are proven to be all solutions of the target. False if joints are free at the target:
-        :attr:`IkBranches.families` contains the other solutions.
-    """
-
-    q: Array
-    count: npt.NDArray[np.int64]
-    position_error: Array
-    orientation_error: Array
-    outside: npt.NDArray[np.int64]
-    complete: npt.NDArray[np.bool_]
+    q: Array = key(
+        "(N, k, n) distinct branches, each shifted by 2 pi to be closest to q0; NaN where a target has fewer than k"
+    )
+    count: npt.NDArray[np.int64] = key("(N,) number of branches of each target")
+    position_error: Array = key("(N, k) by forward kinematics; NaN where a target has fewer than k branches", "m")
+    orientation_error: Array = key("(N, k) the same", "rad")
+    outside: npt.NDArray[np.int64] = key(
+        "(N,) number of further branches that violate the limits; for a swept joint, at the values of the sweep"
+    )
+    complete: npt.NDArray[np.bool_] = key(
+        "(N,) whether these are proven to be all solutions of the target. False if joints are free at the target: "
+        ":attr:`IkBranches.families` contains the other solutions"
+    )
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:

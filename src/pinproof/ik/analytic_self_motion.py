@@ -7,7 +7,7 @@ moves at every target; its curves are followed over the redundant joint.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.results import View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.analytic_plan import Plan, plan_for
@@ -67,31 +68,19 @@ APART = 0.15
 """Rad or m: the default difference of :meth:`SelfMotion.spread`; motions to closer goals are similar."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkFamily:
-    """A one-parameter family of IK solutions for the same singular target.
+    """A one-parameter family of IK solutions for the same singular target."""
 
-    Parameters
-    ----------
-    parameter
-        The joint whose value is the parameter of the family.
-    joints
-        The joints that move along the family.
-    q
-        (n,) the member at the value of the parameter in q0.
-    direction
-        (n,) the unit direction of the self-motion at ``q``; constant for a straight wrist, but not for four parallel
-        axes.
-    lower, upper
-        The range of the parameter (rad or m) around ``q`` in which members exist within the limits.
-    """
-
-    parameter: str
-    joints: tuple[str, ...]
-    q: Array
-    direction: Array
-    lower: float
-    upper: float
+    parameter: str = key("the joint whose value is the parameter of the family")
+    joints: tuple[str, ...] = key("the joints that move along the family")
+    q: Array = key("(n,) the member at the value of the parameter in q0")
+    direction: Array = key(
+        "(n,) the unit direction of the self-motion at ``q``; constant for a straight wrist, but not for four "
+        "parallel axes"
+    )
+    lower: float = key("the smallest value of the parameter, in the range around ``q`` within the limits", "rad or m")
+    upper: float = key("the largest value of the parameter in this range", "rad or m")
     _arm: Arm
     _plan: Plan
     _target: Array
@@ -357,26 +346,16 @@ class CurveEnd(Enum):
     """The redundant joint reverses: another curve continues from there."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class SelfMotionCurve:
-    """A curve of IK solutions over a range of the redundant joint.
+    """A curve of IK solutions over a range of the redundant joint."""
 
-    Parameters
-    ----------
-    parameter
-        The name of the redundant joint.
-    values
-        (m,) ascending values of the redundant joint; their distances are smaller where other joints move fast.
-    q
-        (m, n) the solution at each value.
-    ends
-        Why the curve ends at its lower and upper end.
-    """
-
-    parameter: str
-    values: Array
-    q: Array
-    ends: tuple[CurveEnd, CurveEnd]
+    parameter: str = key("the name of the redundant joint")
+    values: Array = key(
+        "(m,) ascending values of the redundant joint; their distances are smaller where other joints move fast"
+    )
+    q: Array = key("(m, n) the solution at each value")
+    ends: tuple[CurveEnd, CurveEnd] = key("why the curve ends at its lower and upper end")
     _arm: Arm
     _tolerances: tuple[float, float]
     _target: Array
@@ -426,32 +405,19 @@ class SelfMotionCurve:
         return f"SelfMotionCurve({self.parameter} in [{self.lower:.4g}, {self.upper:.4g}])"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class SelfMotion(IkAnswer):
     """All curves of IK solutions that were found for a target.
 
     Every solution at each of ``grid`` belongs to a curve; a curve shorter than the distance of two grid values may be
     missing.
-
-    Parameters
-    ----------
-    arm
-        The arm.
-    target
-        (4, 4) ``base_from_tcp``.
-    parameter
-        The name of the redundant joint.
-    grid
-        (v,) the values of the redundant joint at which curves were searched.
-    curves
-        The curves, the longest first.
     """
 
-    arm: Arm
-    target: Array
-    parameter: str
-    grid: Array
-    curves: tuple[SelfMotionCurve, ...]
+    arm: Arm = key("the arm")
+    target: Array = key("(4, 4) ``base_from_tcp``")
+    parameter: str = key("the name of the redundant joint")
+    grid: Array = key("(v,) the values of the redundant joint at which curves were searched")
+    curves: tuple[SelfMotionCurve, ...] = key("the curves, the longest first")
 
     @property
     def ok(self) -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.spatial import Array
 
 PARALLEL_TOLERANCE = 1e-4
@@ -91,37 +92,26 @@ def _numbers(first: int, end: int) -> str:
 Role = Literal["arm", "follower", "held", "fixed"]
 
 
-@dataclass(frozen=True)
+@described()
 class JointInfo:
-    """Properties of one joint of the robot.
+    """Properties of one joint of the robot."""
 
-    Parameters
-    ----------
-    name, type, parent, child
-        As in the URDF; parent and child are links.
-    role
-        ``arm``: one of the joints of q. ``follower``: a mimic joint that moves with one of them. ``held``: a joint
-        outside the arm, held at ``held_at`` (rad or m; None for a floating or planar joint). ``fixed``: a fixed joint.
-    lower, upper, velocity, acceleration
-        The limits in use, in rad or m, per s, per s^2; None if unlimited or unknown.
-    effort
-        The largest torque or force, in N m or N; None if unknown.
-    mimic
-        ``"multiplier * leader + offset"`` of a mimic joint, else empty.
-    """
-
-    name: str
-    type: str
-    parent: str
-    child: str
-    role: Role
-    lower: float | None
-    upper: float | None
-    velocity: float | None
-    acceleration: float | None
-    held_at: float | None = None
-    mimic: str = ""
-    effort: float | None = None
+    name: str = key("its name, as in the URDF")
+    type: str = key("its type, as in the URDF")
+    parent: str = key("the link before it")
+    child: str = key("the link that it moves")
+    role: Role = key(
+        "``arm``: one of the joints of q. ``follower``: a mimic joint that moves with one of them. ``held``: a "
+        "joint outside the arm, held at ``held_at`` (rad or m; None for a floating or planar joint). ``fixed``: a "
+        "fixed joint"
+    )
+    lower: float | None = key("the limit in use; None if unlimited", "rad or m")
+    upper: float | None = key("the limit in use; None if unlimited", "rad or m")
+    velocity: float | None = key("the limit in use; None if unlimited or unknown", "rad/s or m/s")
+    acceleration: float | None = key("the limit in use; None if unlimited or unknown", "rad/s^2 or m/s^2")
+    held_at: float | None = key("where a joint outside the arm is held; None for others", "rad or m", default=None)
+    mimic: str = key('``"multiplier * leader + offset"`` of a mimic joint, else empty', default="")
+    effort: float | None = key("the largest torque or force, in N m or N; None if unknown", default=None)
 
     def row(self) -> tuple[str, ...]:
         """The cells of a table: name, type, limits, speed, acceleration, effort and role."""
@@ -133,53 +123,31 @@ class JointInfo:
         return self.name, self.type, f"{low} .. {high}", *others, role
 
 
-@dataclass(frozen=True)
+@described()
 class RobotInfo(Shown):
-    """Properties of a robot and of one of its arms; made by :meth:`pinproof.Robot.info`.
+    """Properties of a robot and of one of its arms; made by :meth:`pinproof.Robot.info`."""
 
-    Parameters
-    ----------
-    name, source
-        The robot's name, and its file (empty for a robot from text).
-    base, tcp, dof
-        Base link, tcp frame and number of joints of the arm.
-    kinematic_class
-        Description of the joint axes (:func:`pinproof.model.kinematic_class`).
-    joints
-        All joints of the robot, in the order of the file.
-    frames
-        All links, in the order of the file; each can be a base or a tcp.
-    collisions, visuals
-        Number of geometries by kind.
-    groups, states, end_effectors
-        Names of the groups, states and end effectors of the SRDF.
-    disabled_pairs
-        Pairs of links that the SRDF excludes from collision checking: (link, link, reason).
-    home
-        Home configuration of the arm: joint name to rad or m.
-    acceleration_source
-        Where the acceleration limits come from.
-    missing
-        Sentences about missing or inconsistent data: no SRDF, no limits, meshes not found, unknown names.
-    """
-
-    name: str
-    source: str
-    base: str
-    tcp: str
-    dof: int
-    kinematic_class: str
-    joints: tuple[JointInfo, ...]
-    frames: tuple[str, ...]
-    collisions: Mapping[str, int]
-    visuals: Mapping[str, int]
-    groups: tuple[str, ...]
-    states: tuple[str, ...]
-    end_effectors: tuple[str, ...]
-    disabled_pairs: tuple[tuple[str, str, str], ...]
-    home: Mapping[str, float]
-    acceleration_source: str
-    missing: tuple[str, ...]
+    name: str = key("name of the robot")
+    source: str = key("its file; empty for a robot from text")
+    base: str = key("base link of the arm")
+    tcp: str = key("tcp frame of the arm")
+    dof: int = key("number of joints of the arm")
+    kinematic_class: str = key("description of the joint axes (:func:`pinproof.model.kinematic_class`)")
+    joints: tuple[JointInfo, ...] = key("all joints of the robot, in the order of the file")
+    frames: tuple[str, ...] = key("all links, in the order of the file; each can be a base or a tcp")
+    collisions: Mapping[str, int] = key("number of collision geometries by kind")
+    visuals: Mapping[str, int] = key("number of visual geometries by kind")
+    groups: tuple[str, ...] = key("names of the groups of the SRDF")
+    states: tuple[str, ...] = key("names of its states")
+    end_effectors: tuple[str, ...] = key("names of its end effectors")
+    disabled_pairs: tuple[tuple[str, str, str], ...] = key(
+        "pairs of links that the SRDF excludes from collision checking: (link, link, reason)"
+    )
+    home: Mapping[str, float] = key("home configuration of the arm: joint name to rad or m")
+    acceleration_source: str = key("where the acceleration limits come from")
+    missing: tuple[str, ...] = key(
+        "sentences about missing or inconsistent data: no SRDF, no limits, meshes not found, unknown names"
+    )
 
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists that JSON can represent, without NaN and infinity."""

@@ -32,6 +32,7 @@ from pinproof.collision import (
     require_curve,
 )
 from pinproof.common.results import Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import TimingError
 from pinproof.model import guess_mark
@@ -102,35 +103,21 @@ CONNECT = 0.75
 SLOW_ROUNDS = 8
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class OptimiseResult(Shown):
-    """A timed and certified motion.
+    """A timed and certified motion."""
 
-    Parameters
-    ----------
-    trajectory
-        The motion.
-    certificate
-        Its certificate. It is FREE, unless not even the given path could be certified.
-    goal
-        The index of the goal at which the motion ends; None if it is the end of the path and not one of the goals.
-    duration_before
-        Duration (s) of the given path with time-optimal timing.
-    lower_bound
-        A lower bound (s) of the duration of every motion from the start to one of the goals, without obstacles.
-    evaluations
-        Number of moves that were computed.
-    message
-        The outcome as text.
-    """
-
-    trajectory: Trajectory
-    certificate: Certificate
-    goal: int | None
-    duration_before: float
-    lower_bound: float
-    evaluations: int
-    message: str
+    trajectory: Trajectory = key("the motion")
+    certificate: Certificate = key("its certificate. It is FREE, unless not even the given path could be certified")
+    goal: int | None = key(
+        "the index of the goal at which the motion ends; None if it is the end of the path and not one of the goals"
+    )
+    duration_before: float = key("duration of the given path with time-optimal timing", "s")
+    lower_bound: float = key(
+        "a lower bound of the duration of every motion from the start to one of the goals, without obstacles", "s"
+    )
+    evaluations: int = key("number of moves that were computed")
+    message: str = key("the outcome as text")
 
     @property
     def duration(self) -> float:

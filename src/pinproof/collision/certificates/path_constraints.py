@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import PathConstraint as CompiledConstraint
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, frozen, matrix, rigid
@@ -28,18 +29,9 @@ ZERO = 1e-9
 """Length below which a vector has no direction."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@described(kw_only=True)
 class Upright:
     """An axis of the tcp stays within an angle of a direction of the base, such as the axis of an open part.
-
-    Parameters
-    ----------
-    tolerance
-        rad: the largest angle between the two, from 1e-6 to below pi/2.
-    axis_in_tcp
-        The axis in the tcp frame; it is normalised. :meth:`keeping` takes the axis that points up at a configuration.
-    up
-        The direction in the base frame; it is normalised.
 
     Raises
     ------
@@ -51,9 +43,12 @@ class Upright:
     """The name in messages and files."""
     unit: ClassVar[str] = "rad"
     """The unit of the error and the tolerance."""
-    tolerance: float
-    axis_in_tcp: Vector = (0.0, 0.0, 1.0)
-    up: Vector = (0.0, 0.0, 1.0)
+    tolerance: float = key("the largest angle between the two, from 1e-6 to below pi/2", "rad")
+    axis_in_tcp: Vector = key(
+        "the axis in the tcp frame; it is normalised. :meth:`keeping` takes the axis that points up at a configuration",
+        default=(0.0, 0.0, 1.0),
+    )
+    up: Vector = key("the direction in the base frame; it is normalised", default=(0.0, 0.0, 1.0))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "tolerance", _angle("Upright.tolerance", self.tolerance))
@@ -78,25 +73,12 @@ class Upright:
         return f"upright within {math.degrees(self.tolerance):.6g} deg (tcp axis {_shown(self.axis_in_tcp)})"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@described(kw_only=True, eq=False)
 class Within:
     """A point of the tcp stays within a distance of a box, a plane or a line.
 
     :meth:`box`, :meth:`plane` and :meth:`line` create it. The region is a box whose sides may be 0 or infinite: a plane
     has no height, a line neither height nor depth.
-
-    Parameters
-    ----------
-    tolerance
-        Metres: the largest distance of the point from the region, 1e-6 or more.
-    base_from_region
-        The frame of the region.
-    low, high
-        The corners (m) of the region in its frame; -inf and inf for a side without an end.
-    point_in_tcp
-        The point (m) in the tcp frame.
-    shape
-        The name of the region in messages.
 
     Raises
     ------
@@ -108,12 +90,12 @@ class Within:
     """The name in messages and files."""
     unit: ClassVar[str] = "m"
     """The unit of the error and the tolerance."""
-    tolerance: float
-    base_from_region: SE3
-    low: Vector
-    high: Vector
-    point_in_tcp: Vector = (0.0, 0.0, 0.0)
-    shape: str = "region"
+    tolerance: float = key("the largest distance of the point from the region, 1e-6 or more", "m")
+    base_from_region: SE3 = key("the frame of the region")
+    low: Vector = key("the lower corner of the region in its frame; -inf for a side without an end", "m")
+    high: Vector = key("the upper corner; inf for a side without an end", "m")
+    point_in_tcp: Vector = key("the point (m) in the tcp frame", default=(0.0, 0.0, 0.0))
+    shape: str = key("the name of the region in messages", default="region")
 
     def __post_init__(self) -> None:
         tolerance = float(finite("Within.tolerance", [self.tolerance], (1,))[0])
@@ -187,18 +169,9 @@ class Within:
         return f"within {self.tolerance * 1e3:.6g} mm of a {self.shape}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@described(kw_only=True)
 class LookAt:
     """An axis of the tcp points at a point of the base frame, such as the axis of a camera.
-
-    Parameters
-    ----------
-    point
-        The point (m) in the base frame.
-    tolerance
-        rad: the largest angle between the axis and the direction from the tcp to the point, from 1e-6 to below pi/2.
-    axis_in_tcp
-        The axis in the tcp frame; it is normalised.
 
     Raises
     ------
@@ -210,9 +183,11 @@ class LookAt:
     """The name in messages and files."""
     unit: ClassVar[str] = "rad"
     """The unit of the error and the tolerance."""
-    point: Vector
-    tolerance: float
-    axis_in_tcp: Vector = (0.0, 0.0, 1.0)
+    point: Vector = key("the point (m) in the base frame")
+    tolerance: float = key(
+        "the largest angle between the axis and the direction from the tcp to the point, from 1e-6 to below pi/2", "rad"
+    )
+    axis_in_tcp: Vector = key("the axis in the tcp frame; it is normalised", default=(0.0, 0.0, 1.0))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", _vector(finite("LookAt.point", self.point, (3,))))
@@ -237,30 +212,22 @@ PathConstraint = Upright | Within | LookAt
 """A constraint of the tcp along a motion."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ConstraintProof:
-    """The proof of one constraint over a curve, or the reason why it is not proven.
+    """The proof of one constraint over a curve, or the reason why it is not proven."""
 
-    Parameters
-    ----------
-    constraint
-        The constraint.
-    largest
-        Proven upper bound (rad or m) of the error over the whole curve, at most the tolerance; NaN if the constraint is
-        not proven.
-    observed
-        The largest error (rad or m) that was computed on the curve: a lower bound of the true largest error.
-    intervals
-        Number of intervals that were checked.
-    evidence
-        (K, 2) if recorded: start and end of each interval of the parameter on which it was proven.
-    """
-
-    constraint: PathConstraint
-    largest: float
-    observed: float
-    intervals: int
-    evidence: Array | None = None
+    constraint: PathConstraint = key("the constraint")
+    largest: float = key(
+        "proven upper bound (rad or m) of the error over the whole curve, at most the tolerance; NaN if the "
+        "constraint is not proven"
+    )
+    observed: float = key(
+        "the largest error (rad or m) that was computed on the curve: a lower bound of the true largest error"
+    )
+    intervals: int = key("number of intervals that were checked")
+    evidence: Array | None = key(
+        "(K, 2) if recorded: start and end of each interval of the parameter on which it was proven", default=None
+    )
 
     def __str__(self) -> str:
         if math.isnan(self.largest):
@@ -268,29 +235,15 @@ class ConstraintProof:
         return f"{self.constraint}: at most {amount(self.constraint, self.largest)} proven"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ConstraintViolation:
-    """The first violation of a constraint on a curve.
+    """The first violation of a constraint on a curve."""
 
-    Parameters
-    ----------
-    constraint
-        The constraint.
-    time
-        The curve's parameter: seconds on a trajectory, waypoint index on a path.
-    q
-        (n,) the configuration there.
-    error
-        The error (rad or m) there, above the tolerance.
-    satisfied_until
-        The parameter up to which the constraint is proven.
-    """
-
-    constraint: PathConstraint
-    time: float
-    q: Array
-    error: float
-    satisfied_until: float
+    constraint: PathConstraint = key("the constraint")
+    time: float = key("the curve's parameter: seconds on a trajectory, waypoint index on a path")
+    q: Array = key("(n,) the configuration there")
+    error: float = key("the error (rad or m) there, above the tolerance")
+    satisfied_until: float = key("the parameter up to which the constraint is proven")
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
@@ -31,6 +31,7 @@ from pinproof.collision.certificates.certificate import Certificate, Certificate
 from pinproof.collision.certificates.certify import certify
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm, JointLimits
 from pinproof.motion import (
@@ -209,60 +210,46 @@ SMALLEST_RADIUS = 0.0005
 """m: a blend with a smaller radius hardly differs from a stop."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ProgramPart:
-    """A part of a program and its certificate.
+    """A part of a program and its certificate."""
 
-    Parameters
-    ----------
-    name
-        What it is, such as ``"blend at line 14"``.
-    line
-        The line of the program at which it ends.
-    blend
-        Whether it is the blend at a point.
-    certificate
-        The certificate of the configurations that the controller may pass.
-    """
-
-    name: str
-    line: int
-    blend: bool
-    certificate: Certificate
+    name: str = key('what it is, such as ``"blend at line 14"``')
+    line: int = key("the line of the program at which it ends")
+    blend: bool = key("whether it is the blend at a point")
+    certificate: Certificate = key("the certificate of the configurations that the controller may pass")
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ProgramCertificate(Shown):
-    """The certificates of all parts of a program; collision-free only if every part is.
+    """The certificates of all parts of a program; collision-free only if every part is."""
 
-    Parameters
-    ----------
-    parts
-        The parts in the order of execution.
-    notes
-        What the certificate assumes about the controller, and what it does not cover.
-    overlaps
-        Lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may skip
-        a point, are at the first point, to which the move is not known, or no joint move follows them, so that the arm
-        may stop before the point. The program is then UNDECIDED.
-    outside_limits
-        The points of the program that violate the position limits, the linear moves on which a joint may do so, the
-        moves whose stated duration is too short for the velocity (and known acceleration) limits of a joint, and the
-        set points between which, or before and after which, a joint would exceed them. The program is then VIOLATED.
-    outputs
-        The lines that switch outputs: what a gripper then holds or leaves is not stated, so that the program is
-        UNDECIDED. Programs of picks are certified with their picks, see :func:`pinproof.picks.certify_picks_program`.
-    untraced
-        The linear moves whose joint values are not bounded, with the reason, and moves and set points whose speed is
-        not known. The program is then UNDECIDED.
-    """
-
-    parts: tuple[ProgramPart, ...]
-    notes: tuple[str, ...]
-    overlaps: tuple[int, ...] = ()
-    outside_limits: tuple[str, ...] = ()
-    untraced: tuple[str, ...] = ()
-    outputs: tuple[int, ...] = ()
+    parts: tuple[ProgramPart, ...] = key("the parts in the order of execution")
+    notes: tuple[str, ...] = key("what the certificate assumes about the controller, and what it does not cover")
+    overlaps: tuple[int, ...] = key(
+        "lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may "
+        "skip a point, are at the first point, to which the move is not known, or no joint move follows them, so "
+        "that the arm may stop before the point. The program is then UNDECIDED",
+        default=(),
+    )
+    outside_limits: tuple[str, ...] = key(
+        "the points of the program that violate the position limits, the linear moves on which a joint may do so, "
+        "the moves whose stated duration is too short for the velocity (and known acceleration) limits of a joint, "
+        "and the set points between which, or before and after which, a joint would exceed them. The program is "
+        "then VIOLATED",
+        default=(),
+    )
+    untraced: tuple[str, ...] = key(
+        "the linear moves whose joint values are not bounded, with the reason, and moves and set points whose speed "
+        "is not known. The program is then UNDECIDED",
+        default=(),
+    )
+    outputs: tuple[int, ...] = key(
+        "the lines that switch outputs: what a gripper then holds or leaves is not stated, so that the program is "
+        "UNDECIDED. Programs of picks are certified with their picks, see "
+        ":func:`pinproof.picks.certify_picks_program`",
+        default=(),
+    )
 
     def _view(self) -> View:
         rows = [(each.name, each.certificate.status.name, each.certificate.clearance * 1e3) for each in self.parts]

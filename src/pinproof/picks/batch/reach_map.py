@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Saved, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import Rng, freeze_arrays, require_integer, require_positive
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
@@ -103,16 +103,9 @@ MOST_POINTS = 5_000_000
 """Largest number of points of a grid; more usually means that the step was given in millimetres."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ReachRegion:
     """Points in the frame of the robot's root link.
-
-    Parameters
-    ----------
-    points
-        (N, 3) in metres.
-    axes
-        The coordinates of a grid along x, y and z, in whose points z varies fastest; None if the points are not a grid.
 
     Raises
     ------
@@ -120,8 +113,12 @@ class ReachRegion:
         If there are no points, or a coordinate is not finite.
     """
 
-    points: Array
-    axes: tuple[Array, Array, Array] | None = None
+    points: Array = key("(N, 3) in metres")
+    axes: tuple[Array, Array, Array] | None = key(
+        "the coordinates of a grid along x, y and z, in whose points z varies fastest; None if the points are not a "
+        "grid",
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         points = finite("points", self.points, (None, 3))
@@ -181,40 +178,30 @@ SCHEMA = "pinproof/reach/1"
 ARRAYS = ("orientations", "reachable", "free", "manipulability", "clearance")
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ReachMap(Saved):
-    """The poses that an arm reaches in a region.
+    """The poses that an arm reaches in a region."""
 
-    Parameters
-    ----------
-    region
-        The N points, in the frame of the root link of the robot, or in the world frame if the robot was placed in it.
-    orientations
-        (m, 3, 3) ``root_from_tip``.
-    reachable
-        (N, m) whether a configuration within the limits was found.
-    free
-        (N, m) whether a configuration was found that also keeps every margin, which is proven for that configuration.
-    manipulability
-        (N, m) sqrt(det(J J^T)) of the best free configuration found (Yoshikawa 1985; J mixes metres and radians); NaN
-        if none is free.
-    clearance
-        (N, m) smallest distance (m) between any two bodies in that configuration; NaN if none is free.
-    complete
-        Whether all configurations were enumerated in closed form. If so, poses that are not reachable or not free are
-        proven to be so; otherwise a search found no such configuration.
-    title
-        The robot, tool and scene, as text.
-    """
-
-    region: ReachRegion
-    orientations: Array
-    reachable: Mask
-    free: Mask
-    manipulability: Array
-    clearance: Array
-    complete: bool
-    title: str = ""
+    region: ReachRegion = key(
+        "the N points, in the frame of the root link of the robot, or in the world frame if the robot was placed in it"
+    )
+    orientations: Array = key("(m, 3, 3) ``root_from_tip``")
+    reachable: Mask = key("(N, m) whether a configuration within the limits was found")
+    free: Mask = key(
+        "(N, m) whether a configuration was found that also keeps every margin, which is proven for that configuration"
+    )
+    manipulability: Array = key(
+        "(N, m) sqrt(det(J J^T)) of the best free configuration found (Yoshikawa 1985; J mixes metres and radians); "
+        "NaN if none is free"
+    )
+    clearance: Array = key(
+        "(N, m) smallest distance (m) between any two bodies in that configuration; NaN if none is free"
+    )
+    complete: bool = key(
+        "whether all configurations were enumerated in closed form. If so, poses that are not reachable or not free "
+        "are proven to be so; otherwise a search found no such configuration"
+    )
+    title: str = key("the robot, tool and scene, as text", default="")
 
     formats = (".csv", ".npz", ".png")
 
@@ -321,14 +308,9 @@ def _best(values: Array) -> Array:
     return np.where(np.isneginf(filled), np.nan, filled)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ReachComparison(Saved):
     """The poses that a change of the setup gains and loses.
-
-    Parameters
-    ----------
-    before, after
-        Maps of the same poses.
 
     Raises
     ------
@@ -336,8 +318,8 @@ class ReachComparison(Saved):
         If the maps have different poses.
     """
 
-    before: ReachMap
-    after: ReachMap
+    before: ReachMap = key("the first map")
+    after: ReachMap = key("the second map, of the same poses")
 
     formats = (".csv", ".png")
 

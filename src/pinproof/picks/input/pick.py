@@ -26,6 +26,7 @@ from pinproof.common.structs import (
     Table,
     any_of,
     choice,
+    described,
     integer,
     key,
     list_of,
@@ -56,20 +57,15 @@ SHARES = (0.5, 1.0)
 """Fractions of a tolerance at which grasps are tried."""
 
 
-@dataclass(frozen=True)
+@described()
 class GraspSpin:
-    """Rotations (rad) of a grasp about its approach direction.
+    """Rotations (rad) of a grasp about its approach direction."""
 
-    Parameters
-    ----------
-    angles
-        The rotations that are tried, in this order.
-    sampled
-        Whether the angles are samples of a range. If all of them fail, nothing is proven about those between.
-    """
-
-    angles: tuple[float, ...] = (0.0,)
-    sampled: bool = False
+    angles: tuple[float, ...] = key("the rotations that are tried, in this order", default=(0.0,))
+    sampled: bool = key(
+        "whether the angles are samples of a range. If all of them fail, nothing is proven about those between",
+        default=False,
+    )
 
     def __post_init__(self) -> None:
         angles = finite("spin", self.angles, (None,))

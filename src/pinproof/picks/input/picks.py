@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from pinproof.common.structs import (
     Rule,
     Table,
     any_of,
+    described,
     file_of,
     key,
     list_of,
@@ -96,20 +97,14 @@ class PickProblem:
     reason: str = key("why it could not be read", kind=TEXT)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class CellRobot:
-    """One of the robots of a picks file for several robots.
+    """One of the robots of a picks file for several robots."""
 
-    Parameters
-    ----------
-    world_from_base
-        The pose of the base link of its arm in the cell.
-    settings
-        What the file states of the robot, its hand and its home, here or for all robots; without picks.
-    """
-
-    world_from_base: SE3
-    settings: Picks
+    world_from_base: SE3 = key("the pose of the base link of its arm in the cell")
+    settings: Picks = key(
+        "what the file states of the robot, its hand and its home, here or for all robots; without picks"
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))

@@ -21,6 +21,7 @@ PAGES = sorted(
     for page in (
         DOCS / "index.md",
         DOCS / "dynamics.md",
+        DOCS / "extending.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )

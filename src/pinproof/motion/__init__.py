@@ -37,6 +37,7 @@ from pinproof.motion.limits import (
     rate_excess,
 )
 from pinproof.motion.motion_program import EventKind, MotionProgram, ProgramEvent, ProgramSegment, certificate_id
+from pinproof.motion.own_motion import Motion, SampledMotion, SpeedBound, TimedCurvePart
 from pinproof.motion.paths import (
     REVERSAL,
     BlendedPath,
@@ -92,6 +93,7 @@ __all__ = [
     "LimitCheck",
     "LimitViolation",
     "LinearMove",
+    "Motion",
     "MotionLimits",
     "MotionProgram",
     "MotionRecord",
@@ -104,7 +106,9 @@ __all__ = [
     "RateConstraint",
     "Reader",
     "RobotProgram",
+    "SampledMotion",
     "SetOutput",
+    "SpeedBound",
     "State",
     "Steering",
     "Step",
@@ -112,6 +116,7 @@ __all__ = [
     "StreamedTrajectory",
     "TimedColumns",
     "TimedCurve",
+    "TimedCurvePart",
     "ToolLimits",
     "TorqueLimits",
     "TorquePeak",

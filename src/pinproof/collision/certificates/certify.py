@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -45,9 +46,22 @@ from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.checking.placed_bodies import Distance
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointLimits
-from pinproof.motion import Curve, LimitCheck, Trajectory, check_limits, parameter_text, read_only
+from pinproof.motion import (
+    Curve,
+    LimitCheck,
+    LimitViolation,
+    Motion,
+    SampledMotion,
+    SpeedBound,
+    TimedCurvePart,
+    Trajectory,
+    check_limits,
+    parameter_text,
+    read_only,
+)
 from pinproof.spatial import Array, finite
 
 RESOLUTION = 1e-6
@@ -174,10 +188,17 @@ QUICK_INTERVALS = 2000
 """Number of intervals after which a quick proof fails: about 100 times those of a short edge in free space."""
 
 
+DEVIATIONS = tuple(0.03 / 3**i for i in range(6))
+"""rad or m: a function of the time is certified with all configurations within this of the lines between its samples,
+and with more samples while that proves nothing; the last one moves bodies about as far as :data:`TOLERANCE`."""
+
+
 def certify(
-    curve: Curve,
+    curve: Curve | Motion,
     checker: CollisionChecker,
     *,
+    domain: tuple[float, float] | None = None,
+    speed_bound: SpeedBound | None = None,
     tolerance: float | None = None,
     max_intervals: int = 200_000,
     joint_tolerance: npt.ArrayLike = 0.0,
@@ -193,9 +214,16 @@ def certify(
     Parameters
     ----------
     curve
-        A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath` or :class:`~pinproof.Trajectory`.
+        A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath`, :class:`~pinproof.Trajectory` or another
+        :class:`~pinproof.motion.Curve`; a spline of SciPy over the time in seconds (``BSpline``, ``PPoly``,
+        ``CubicSpline``, ``BPoly``); or any function that returns the configuration (n,) at a time (s).
     checker
         Defines the checked bodies and pairs, and their margins.
+    domain, speed_bound
+        Of a function only: its first and last time (s), and a bound of the speed of its joints in rad/s or m/s, (n,) or
+        one for all, or a function that returns it for an interval from one time to another. The certificate is that of
+        the polyline through samples with a tube that contains the function if it keeps the bound. The bound is trusted,
+        which a note states; samples that violate it are refused.
     tolerance
         Metres. An interval in which no body moves farther than this towards another is not bisected further, so a curve
         whose clearance beyond the margin is smaller may be UNDECIDED. Default: 1e-4, then 1e-5 and 1e-6 while the
@@ -243,10 +271,21 @@ def certify(
     UnknownNameError
         If ``parting`` names an unknown body.
     """
+    require_type("checker", checker, CollisionChecker)
+    # A motion of another kind is certified as a curve.
+    if not hasattr(curve, "bezier"):
+        again = partial(
+            certify, checker=checker, tolerance=tolerance, max_intervals=max_intervals, parting=parting,
+            obstacle_tolerance=obstacle_tolerance, constraints=constraints, movers=movers, record=record,
+        )  # fmt: skip
+        return _certify_motion(curve, checker, again, domain, speed_bound, max_intervals, joint_tolerance, limits)
+    if domain is not None or speed_bound is not None:
+        raise InputError("domain and speed_bound are for a function of the time; a curve has its own")
+    whole = checked_curve = cast("Curve", curve)
     # The settings, each by itself: budgets, the tolerance of each joint, limits.
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    require_curve(curve, checker)
+    require_curve(whole, checker)
     joints = np.zeros(checker.group.dof)
     if not (isinstance(joint_tolerance, float) and joint_tolerance == obstacle_tolerance == 0.0):
         each = np.full(len(joints), joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
@@ -262,30 +301,30 @@ def certify(
     # What cannot be combined is refused. Movers are further joints of a larger group, whose motion is then proven.
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
-    constraints, checked_curve, group = check_constraints(constraints), curve, checker.group
+    constraints, group = check_constraints(constraints), checker.group
     checker._refuse_changes()
     if movers:
         if parting or obstacle_tolerance:
             raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
-        curve, checker, of_movers = with_movers(curve, checker, movers)
+        whole, checker, of_movers = with_movers(whole, checker, movers)
         joints = np.concatenate([joints, np.zeros(len(of_movers) - len(joints))]) + of_movers
         if own_limits is not None:  # those of the movers follow; a moving obstacle has none
             rest = checker.group.limits.select(range(group.dof, checker.group.dof))
             own_limits = JointLimits.join([own_limits, rest])
     # The curve is compared with the limits first, and proven at finer and finer tolerances.
-    within = None if own_limits is None else check_limits(curve, own_limits)
+    within = None if own_limits is None else check_limits(whole, own_limits)
     tolerances = TOLERANCES if tolerance is None else (tolerance,)
     settings = ProofLimits(tolerances, max_intervals, joints, float(obstacle_tolerance), record)
 
     def certified(each: ProofLimits) -> Certificate:
         if not parting:
-            return _CurveProof(curve, checker, each, constraints).run()
+            return _CurveProof(whole, checker, each, constraints).run()
         unnamed = "", Setup("", ())  # of a part: prove_parting states those of the complete curve
 
         def of_part(part: Curve, rest: CollisionChecker) -> Certificate:
             return _CurveProof(part, rest, each, constraints, identity=unnamed).run()
 
-        return prove_parting(curve, checker, parting, of_part, each)
+        return prove_parting(whole, checker, parting, of_part, each)
 
     certificate = _at_finer_tolerances(certified, settings)
     # The constraints are those of the arm, whose joints come before those of the movers.
@@ -294,6 +333,88 @@ def certify(
         of_arm = settings._replace(tolerances=(resolution,), joints=joints[: group.dof])
         certificate = with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
     return with_limits(certificate, within)
+
+
+def _shown_by_motion(
+    samples: SampledMotion, proof: Certificate, again: Callable[..., Certificate]
+) -> Certificate | None:
+    """The contact or violation of the motion itself when the polyline has one, or at a sample after what is proven."""
+    event, contact, violation = proof.first_contact or proof.violation, proof.first_contact, proof.violation
+    ends = [span.start for span in (proof.undecided, proof.undecided_constraint) if span is not None]
+    ends += [contact.proven_free_until] if contact is not None else []
+    ends += [violation.satisfied_until] if isinstance(violation, ConstraintViolation) else []
+    later = samples.times[samples.times >= min(ends)][:LOOK_AHEAD].tolist()
+    for time in later if event is None else [event.time]:
+        here = np.tile(samples.at(time), (1, 2, 1))
+        point = again(TimedCurvePart(np.array([time, time]), here, samples.joint_names), limits=None)
+        contact, violation = point.first_contact, point.violation
+        if contact is None and violation is None:
+            continue
+        if contact is not None:
+            contact = replace(contact, proven_free_until=min(ends))
+        if isinstance(violation, ConstraintViolation):
+            violation = replace(violation, satisfied_until=min(ends))
+        point = replace(point, curve=proof.curve, intervals=proof.intervals, notes=proof.notes)
+        return replace(point, first_contact=contact, violation=violation)
+    return None
+
+
+def _certify_motion(
+    motion: Motion,
+    checker: CollisionChecker,
+    again: Callable[..., Certificate],
+    domain: tuple[float, float] | None,
+    speed_bound: SpeedBound | None,
+    most: int,
+    joint_tolerance: npt.ArrayLike,
+    limits: JointLimits | Literal["arm"] | None,
+) -> Certificate:
+    """Certify a spline as a curve, and a function by its samples; ``again`` is :func:`certify` with other settings."""
+    names = checker.group.joint_names
+    if domain is None and speed_bound is None and (spline := TimedCurvePart.of_spline(motion, names)) is not None:
+        return again(spline, joint_tolerance=joint_tolerance, limits=limits)
+    if not callable(motion) or domain is None or speed_bound is None:
+        raise InputError(
+            "the curve must be a curve, such as a JointPath or a Trajectory, a spline of SciPy, or a function of the "
+            f"time with domain=(first, last) in s and speed_bound= in rad/s or m/s, not {motion!r:.80}"
+        )
+    samples = SampledMotion(motion, names, domain, speed_bound)
+    known = checker.group.limits if limits == "arm" else limits
+    # The polyline has jumps of its speed that the motion need not have: only position and speed are compared.
+    compared = None if known is None else replace(known, acceleration=np.full(len(known), np.nan))
+    proof: Certificate | None = None
+    for deviation in DEVIATIONS:
+        if not samples.refine(deviation, most):
+            break
+        away = samples.deviations.max(axis=0)
+        proof = again(samples.polyline(), joint_tolerance=np.asarray(joint_tolerance) + away, limits=compared)
+        note = (
+            f"the motion is a function that was computed at {len(samples.times)} times; between them it is at most "
+            f"{away.max():.3g} rad or m from straight lines if it keeps speed_bound, which is trusted"
+        )
+        proof = replace(proof, notes=(*proof.notes, note))
+        if proof.free:
+            reason, remains = ("", False) if known is None else samples.beyond(known)
+            if not reason:
+                return proof
+            message = f"{reason}; give a smaller bound, or limits=None; {proof.message}"
+            proof = _without_proof(replace(proof, status=CertificateStatus.UNDECIDED, message=message))
+            if remains:
+                break
+        elif proof.status is CertificateStatus.VIOLATED and isinstance(proof.violation, LimitViolation):
+            return proof  # by a sample, or by the mean speed between two
+        elif (shown := _shown_by_motion(samples, proof, again)) is not None:
+            return shown
+        elif proof.status is not CertificateStatus.UNDECIDED:
+            message = f"a polyline through samples, not the motion, has a contact or a violation: {proof.message}"
+            proof = replace(
+                proof, status=CertificateStatus.UNDECIDED, first_contact=None, violation=None, message=message
+            )
+    if proof is None:
+        raise InputError(
+            f"more than max_intervals = {most} samples are needed for the speed_bound; use a smaller bound or domain"
+        )
+    return proof
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker, *, joint_tolerance: Array | None = None) -> bool:
@@ -456,7 +577,7 @@ class _CurveProof:
         deviations, joints, obstacles = [], self._limits.joints, self._limits.obstacles
         if joints.any():
             low, high = float(joints.min()), float(joints.max())
-            by = f"{high:g} rad or m" if low == high else "the given tolerances"
+            by = f"{high:g} rad or m" if low == high else f"their tolerances, {low:.3g} to {high:.3g} rad or m"
             deviations.append(f"joints may deviate by up to {by}")
         if obstacles:
             deviations.append(f"obstacles may deviate by up to {obstacles * 1e3:g} mm")

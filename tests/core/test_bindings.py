@@ -213,9 +213,9 @@ def separate(pairs: Any = (1,), knots: Any = None, control: Any = None, more: An
 
 def piece(**changes: Any) -> Any:
     """A piece of a route that stays at one pose."""
-    still = _core.RouteDirection(np.zeros(3), np.zeros(3))
-    values = {"pose": EYE, "into": still, "out": still, "a": np.zeros(6), "b": np.zeros(6), "start": 0.0, "end": 1.0}
-    return _core.RoutePiece(**{**values, "acceleration": 0.0, "turn": 0.0, "turn_change": 0.0, **changes})
+    still = _core.RouteSegment(np.zeros(3), np.zeros(3), 0.0)
+    values = {"pose": EYE, "into": still, "out": still, "a": np.zeros(6), "b": np.zeros(6), "width": 0.0}
+    return _core.RoutePiece(**{**values, **changes})
 
 
 def route(*pieces: Any) -> Any:
@@ -223,10 +223,9 @@ def route(*pieces: Any) -> Any:
 
 
 def follower(**changes: Any) -> Any:
-    ends: dict[str, Any] = dict.fromkeys(("lower", "tracked_lower"), np.full(DOF, -3.0))
-    ends |= dict.fromkeys(("upper", "tracked_upper"), np.full(DOF, 3.0))
-    values = {"deviation": 1e-3, "rotation_deviation": 1e-2, "max_joint_step": 0.3, **changes}
-    return _core.RouteFollower(chain=chain(), task=_core.Task([True] * 6, 1e-6, 1e-6), **{**ends, **values})
+    values = {"lower": np.full(DOF, -3.0), "upper": np.full(DOF, 3.0), "max_joint_step": 0.3}
+    values |= {"deviation": 1e-3, "rotation_deviation": 1e-2, "translation_step": 0.05, "rotation_step": 0.2}
+    return _core.RouteFollower(chain=chain(), task=_core.Task([True] * 6, 1e-6, 1e-6), **{**values, **changes})
 
 
 def bounds() -> Any:
@@ -504,22 +503,18 @@ REFUSED: dict[str, Callable[[], Any]] = {
         world(), 2, np.zeros(2), 0.1
     ),
     "a route without pieces": lambda: _core.Route([]),
-    "a direction of a route with NaN": lambda: _core.RouteDirection(np.full(3, NAN), np.zeros(3)),
+    "a segment of a route with NaN": lambda: _core.RouteSegment(np.full(3, NAN), np.zeros(3), 0.0),
     "a piece of a route with too few coefficients": lambda: piece(a=np.zeros(5)),
-    "a route with borders that decrease": lambda: route(piece(start=1.0, end=0.0)),
-    "a route with a gap": lambda: route(piece(end=0.4), piece(start=0.5)),
-    "a route that is followed without knots": lambda: follower().follow(route(), np.zeros(0), np.zeros(DOF)),
-    "a route that is followed to knots that do not increase": lambda: follower().follow(
-        route(), np.zeros(2), np.zeros(DOF)
-    ),
-    "a route that is followed from one joint": lambda: follower().follow(route(), UNIT, np.zeros(1)),
-    "a route that is followed from above a limit": lambda: follower().follow(route(), UNIT, np.full(DOF, 3.01)),
-    "a route that is followed from below a limit of the poses": lambda: follower(
-        tracked_lower=np.full(DOF, -2.0)
-    ).follow(route(), UNIT, np.full(DOF, -2.01)),
+    "a route with a piece of negative width": lambda: route(piece(), piece(width=-0.1)),
+    "a route that is followed from one joint": lambda: follower().follow(route(), np.zeros(1)),
+    "a route that is followed from above a limit": lambda: follower().follow(route(), np.full(DOF, 3.01)),
+    "a route that is followed from below a limit": lambda: follower().follow(route(), np.full(DOF, -3.01)),
     "a route that is followed within limits that are not numbers": lambda: follower(upper=np.full(DOF, NAN)).follow(
-        route(), UNIT, np.zeros(DOF)
+        route(), np.zeros(DOF)
     ),
+    "lines from one joint": lambda: follower().ends_of_lines(np.zeros((2, 1)), np.stack([EYE, EYE])),
+    "lines to fewer poses than starts": lambda: follower().ends_of_lines(np.zeros((2, DOF)), EYE[None]),
+    "a follower with a step of zero": lambda: follower(rotation_step=0.0),
     "a follower with limits of one joint": lambda: follower(lower=np.zeros(1)),
     "a follower with a deviation of zero": lambda: follower(deviation=0.0),
     "deviations of a curve that is not cubic": lambda: follower().deviations(route(), UNIT, np.zeros((1, 3, DOF))),
@@ -602,7 +597,7 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     assert separate()[0].groups[0].proof.end == 1.0
     assert _core.facet_directions(world(), 0, np.zeros(2), 0.1).shape == (0, 3)
     for first in (np.zeros(DOF), np.full(DOF, 3.0 + 1e-10)):
-        assert follower().follow(route(), UNIT, first).q.shape[1] == DOF
+        assert follower().follow(route(), first).q.shape[1] == DOF
     assert np.allclose(_core.spline_slopes(UNIT, np.eye(2)), [[-1.0, 1.0]] * 2)
     assert prove_beside_mesh().free
     assert not prove_beside_mesh(corners=mesh_corners() - np.tile([0.25, 0.0, 0.0], 3), box=3.5 * BOX).free

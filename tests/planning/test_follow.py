@@ -9,12 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.planning.follow import LEVER, MIN_LENGTH, Route, RouteFollower, line_task, routes_through
+from pinproof._core import RouteSegment
+from pinproof.planning.follow import MIN_LENGTH, Route, RouteFollower, line_task, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
 from ..examples import examples
 
-MET = MIN_LENGTH / LEVER + 1e-9
+MET = MIN_LENGTH / RouteSegment.LEVER + 1e-9
 """Metres and radians: a leg of less than MIN_LENGTH is none, so its poses are met to that; the rest is rounding."""
 
 numbers = st.floats(-1, 1)
@@ -26,10 +27,8 @@ def as_pose(matrix):
 
 
 def _follower(arm, mask, deviation, rotation_deviation):
-    return RouteFollower(
-        arm=arm, task=line_task((mask > 0).tolist()), deviation=deviation, rotation_deviation=rotation_deviation,
-        translation_step=0.05, rotation_step=0.2, max_joint_step=0.3,
-    )  # fmt: skip
+    task = line_task((mask > 0).tolist())
+    return RouteFollower(arm=arm, task=task, deviation=deviation, rotation_deviation=rotation_deviation)
 
 
 @examples(20)
@@ -71,8 +70,8 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses, rounding):
     for route in routes_through(poses, rounding, 0.5):
         if route.length == 0.0:
             continue
-        bounds = route.derivatives(route.borders)
-        for low, high, (pull, spin, gain) in zip(route.borders[:-1], route.borders[1:], bounds, strict=True):
+        for piece in route.compiled.pieces:
+            low, high, (pull, spin, gain) = piece.start, piece.end, piece.derivatives()
             h = (high - low) / 400
             at = route.poses(np.linspace(low, high, 401))
             second = np.linalg.norm(np.diff(at[:, :3, 3], 2, axis=0), axis=1) / h**2

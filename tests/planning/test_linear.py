@@ -185,6 +185,23 @@ def test_a_line_of_which_a_share_is_wanted_has_the_same_outcome_without_the_work
     assert failed > 20
 
 
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_ends_of_many_lines_are_those_of_each_line(robot):
+    arm, rng = pp.load_robot(robot).arm(), np.random.default_rng(5)
+    follower = RouteFollower(arm=arm)
+    starts = rng.uniform(*arm.limits.sampling_range(), (80, arm.dof))
+    targets = [moved(arm, start, rng.normal(0, 0.15, 3), rng.normal(0, 0.3, 3)) for start in starts]
+    ends = follower.ends_of_lines(starts, np.array([target.homogeneous for target in targets]))
+    complete = 0
+    for start, target, end in zip(starts, targets, ends, strict=True):
+        followed = follower.follow(Route.straight(arm.forward_kinematics(start), target), start)
+        assert (followed.fraction == 1.0) == np.isfinite(end).all()
+        if followed.fraction == 1.0:
+            assert np.allclose(end, followed.path.end, atol=1e-7)
+            complete += 1
+    assert 10 < complete < 70
+
+
 def test_a_start_within_rounding_of_its_limit_starts_at_the_limit(gantry):
     move = pp.plan_linear(pp.CollisionChecker(gantry), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
     assert move.status is LinearStatus.COMPLETE
@@ -269,12 +286,11 @@ def test_an_arm_of_few_joints_keeps_its_tip_on_the_line_and_the_reason_of_a_stop
     assert np.linalg.norm(places - (a + s[:, None] * (b - a)), axis=1).max() <= move.deviation
     # The four joints reach the next position with a larger step, but not the next pose.
     route = Route.straight(arm.forward_kinematics(start), target)
-    settings = {"deviation": 1e-3, "rotation_deviation": 1e-2, "translation_step": 0.05, "rotation_step": 0.2}
     for task, status in (
         (IkTask(rx=False, ry=False, rz=False), LinearStatus.JUMP),
         (IkTask(), LinearStatus.UNREACHABLE),
     ):
-        follower = RouteFollower(arm=arm, task=task, max_joint_step=0.3, **settings)
+        follower = RouteFollower(arm=arm, task=task)
         assert follower._reason(route, 0.0, 0.3, start, np.zeros(4, dtype=bool))[0] is status
 
 

@@ -345,24 +345,32 @@ nb::tuple box_step(const Matrix& a, const Vector& pull, double shift, const Vect
     return nb::make_tuple(array_of(step.step()), column<double>(step.held(), std::identity{}), gain);
 }
 
-void check_route(const Route& route) {
+void make_route(Route& route) {
     if (route.pieces.empty()) refuse("a route has no pieces");
-    double end = route.pieces[0].start;
-    for (const RoutePiece& piece : route.pieces) {
-        if (piece.start != end || !(piece.start <= piece.end)) refuse("the pieces of a route must follow one another");
-        end = piece.end;
-    }
+    for (const RoutePiece& piece : route.pieces)
+        if (!(piece.width >= 0.0)) refuse("the width of a piece of a route must be 0 or more");
+    route = Route::of(std::move(route.pieces));
 }
 
 void bind_routes(nb::module_& module) {
-    bind_struct<RouteDirection>(module, "RouteDirection", "A translation and a rotation vector per metre.", unchecked,
-                                MEMBERS(RouteDirection, translation, rotation));
+    auto segment = bind_struct<RouteSegment>(
+        module, "RouteSegment", "A straight segment: a translation and a rotation vector per metre, and the length (m).",
+        unchecked, MEMBERS(RouteSegment, translation, rotation, length));
+    segment.def_static("between", [](const Matrix& first, const Matrix& last) {
+            return RouteSegment::between(transform("first", first), transform("last", last));
+        }, "first"_a, "last"_a, "The segment on which the orientation rotates about one fixed axis.");
+    constants(segment, "LEVER", RouteSegment::kLever, "MIN_LENGTH", RouteSegment::kMinLength);
     bind_struct<RoutePiece>(module, "RoutePiece",
-                            "A piece of a route: a pose, the incoming and the outgoing direction, the coefficients "
-                            "(6,) of both, the parameters of the route at its ends, and the sizes of its derivatives.",
-                            unchecked, MEMBERS(RoutePiece, pose, into, out, a, b, start, end),
-                            LIMITS(RoutePiece, acceleration, turn, turn_change));
-    bind_struct<Route>(module, "Route", "A route of the tcp in space.", check_route, MEMBERS(Route, pieces))
+                            "A piece of a route: a pose, the incoming and the outgoing segment, the coefficients (6,) "
+                            "of both, and the width (m). The parameters of the route at its ends are set by the route.",
+                            unchecked, MEMBERS(RoutePiece, pose, into, out, a, b, width))
+        .def_ro("start", &RoutePiece::start)
+        .def_ro("end", &RoutePiece::end)
+        .def("derivatives", [](const RoutePiece& self) {
+                const RoutePiece::Derivatives most = self.derivatives();
+                return std::tuple{most.acceleration, most.turn, most.turn_change};
+            }, "Bounds of |p''|, |w| and |w'| for position p and angular velocity w by the parameter of the route.");
+    bind_struct<Route>(module, "Route", "A route of the tcp in space.", make_route, MEMBERS(Route, pieces))
         .def("poses", [](const Route& self, const Vector& s) {
                 return filled<double>({s.shape(0), 4, 4}, [&](double* out) {
                     for (std::size_t i = 0; i < s.shape(0); ++i) write_homogeneous(self.pose(s(i)), out + 16 * i);
@@ -372,39 +380,54 @@ void bind_routes(nb::module_& module) {
     bind_result<Curve>(
         module, "JointCurve",
         "A joint curve along a route: a spline with q (k, n) and slopes (k, n), and why it stops. By pose: the pose at "
-        "`at` cannot be solved from the configuration `before`; the closest one is `reached`. By deviation: because of the "
-        "deviation there, or because it may leave the limits by `outside` (n,).",
-        FIELDS(Curve, knots, deviation, rotation_deviation, at, before, reached, deviation_there,
+        "`at` cannot be solved from the configuration `before`, within the limits `lower` and `upper`, at the initial "
+        "spacing of poses; the closest one is `reached`. By deviation: because of the deviation there, or because it may leave the limits by `outside` (n,).",
+        FIELDS(Curve, knots, deviation, rotation_deviation, at, before, reached, lower, upper, spacing, deviation_there,
                rotation_deviation_there, outside),
         "q", [](const Curve& self) { return rows_of(self.q, self.q.size() / self.knots.size()); },
         "slopes", [](const Curve& self) { return rows_of(self.slopes, self.q.size() / self.knots.size()); },
         "stopped_by_pose", [](const Curve& self) { return self.stop == RouteStop::kPose; },
         "stopped_by_deviation", [](const Curve& self) { return self.stop == RouteStop::kDeviation; });
     nb::class_<RouteFollower>(module, "RouteFollower", "Follows routes with a joint curve on one IK branch.")
-        .def(nb::new_([](const Chain& chain, const Vector& lower, const Vector& upper, const Vector& tracked_lower,
-                         const Vector& tracked_upper, const Task& task, double max_joint_step, double deviation,
+        .def(nb::new_([](const Chain& chain, const Vector& lower, const Vector& upper, const Task& task,
+                         double max_joint_step, double translation_step, double rotation_step, double deviation,
                          double rotation_deviation, bool only_complete) {
-                 const auto list = [&](const char* name, const Vector& limits) {
-                     return list_of(shaped(name, limits, {chain.dof}));
-                 };
-                 TrackingTask tracking{chain, list("tracked_lower", tracked_lower),
-                                       list("tracked_upper", tracked_upper),
+                 TrackingTask tracking{chain, list_of(shaped("lower", lower, {chain.dof})),
+                                       list_of(shaped("upper", upper, {chain.dof})),
                                        Doubles(chain.dof, positive("max_joint_step", max_joint_step)), task, {}};
                  return RouteFollower(std::move(tracking),
                                       {positive("deviation", deviation),
-                                       positive("rotation_deviation", rotation_deviation), max_joint_step,
-                                       only_complete},
-                                      list("lower", lower), list("upper", upper));
-             }), nb::kw_only(), "chain"_a, "lower"_a, "upper"_a, "tracked_lower"_a, "tracked_upper"_a, "task"_a,
-             "max_joint_step"_a, "deviation"_a, "rotation_deviation"_a, "only_complete"_a = false)
-        .def("follow", [](const RouteFollower& self, const Route& route, const Vector& knots, const Vector& first) {
+                                       positive("rotation_deviation", rotation_deviation),
+                                       positive("translation_step", translation_step),
+                                       positive("rotation_step", rotation_step), max_joint_step, only_complete});
+             }), nb::kw_only(), "chain"_a, "lower"_a, "upper"_a, "task"_a, "max_joint_step"_a, "translation_step"_a,
+             "rotation_step"_a, "deviation"_a, "rotation_deviation"_a, "only_complete"_a = false)
+        .def("follow", [](const RouteFollower& self, const Route& route, const Vector& first) {
                 const auto start = finite("first", first, {self.dof()});
                 if (const std::size_t joint = self.outside(start); joint < self.dof())
                     refuse("first is outside the limits of joint " + std::to_string(joint));
-                Doubles parameters = list_of(knots_of(knots));
                 nb::gil_scoped_release release;
-                return self.follow(route, std::move(parameters), list_of(start));
-            }, "route"_a, "knots"_a, "first"_a)
+                return self.follow(route, list_of(start));
+            }, "route"_a, "first"_a)
+        .def("ends_of_lines", [](const RouteFollower& self, const Matrix& starts, const Stack& targets) {
+                const std::size_t count = starts.shape(0), n = self.dof();
+                const auto from = finite("starts", starts, {count, n});
+                const auto poses = shaped("targets", targets, {count, 4, 4});
+                return filled<double>({count, n}, [&](double* out) {
+                    nb::gil_scoped_release release;
+                    std::fill_n(out, count * n, std::numeric_limits<double>::quiet_NaN());
+                    for (std::size_t i = 0; i < count; ++i) {
+                        const Doubles first(from.begin() + i * n, from.begin() + (i + 1) * n);
+                        if (self.outside(first) < n) continue;
+                        const Transform here = forward_kinematics(self.chain(), first.data());
+                        const Transform there = read_transform(poses.data() + 16 * i);
+                        const JointCurve curve = self.follow(Route::straight(here, there), first);
+                        if (curve.stop == RouteStop::kNone) std::copy_n(curve.q.end() - n, n, out + i * n);
+                    }
+                });
+            }, "starts"_a, "targets"_a,
+            "(N, n) the configurations at the ends of straight lines from (N, n) to base_from_tcp (N, 4, 4); NaN for "
+            "lines that cannot be followed to their end.")
         .def(
             "deviations",
             [](const RouteFollower& self, const Route& route, const Vector& knots, const Stack& control) {

@@ -91,6 +91,12 @@ void Tracker::step(const Transform& base_from_target, double duration) {
     if (goal_.exists()) move_for_goal(duration);
 }
 
+void Tracker::resume(const State& state) {
+    q_ = state.q;
+    rate_ = state.rate;
+    side_ = state.side;
+}
+
 // One cycle from the extrapolated configuration; returns the squared residual.
 double Tracker::cycle() {
     const bool moving = descent_.look(q_) < descent_.look(began_);

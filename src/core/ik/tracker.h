@@ -46,9 +46,18 @@ class Tracker {
 
     const std::vector<double>& q() const { return q_; }
 
-  private:
     // The side of a singularity: the sign of the determinant of the Jacobian.
     enum class Side { unknown, positive, negative, undefined };
+
+    // All that a cycle leaves for the next one.
+    struct State {
+        std::vector<double> q, rate;
+        Side side;
+    };
+    State state() const { return {q_, rate_, side_}; }
+    void resume(const State& state);
+
+  private:
     static Side opposite(Side side);
 
     double cycle();

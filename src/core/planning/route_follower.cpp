@@ -4,6 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
+
+#include "geometry/rotations.h"
 
 namespace pinproof {
 namespace {
@@ -23,6 +26,34 @@ Mat3 rotation_by(const Vec3& vector, double share) {
 
 }  // namespace
 
+RouteSegment RouteSegment::between(const Transform& first, const Transform& last) {
+    const Vec3 translation = last.translation - first.translation;
+    const Vec3 rotation = rotation_vector(transposed_times(first.rotation, last.rotation));
+    const double length = std::hypot(norm(translation), kLever * norm(rotation));
+    if (!(length > kMinLength)) return {{}, {}, 0.0};
+    return {(1.0 / length) * translation, (1.0 / length) * rotation, length};
+}
+
+// The largest coefficient of the derivative, and of the second one, bounds them.
+RoutePiece::Derivatives RoutePiece::derivatives() const {
+    constexpr double n = kCoefficients - 1;
+    const auto largest = [](const auto& c) {
+        double speed = 0.0, acceleration = 0.0;
+        for (std::size_t i = 0; i + 1 < c.size(); ++i) speed = std::max(speed, std::abs(c[i + 1] - c[i]));
+        for (std::size_t i = 0; i + 2 < c.size(); ++i)
+            acceleration = std::max(acceleration, std::abs(c[i + 2] - 2.0 * c[i + 1] + c[i]));
+        return std::pair{n * speed, n * (n - 1.0) * acceleration};
+    };
+    const auto [speed_in, acceleration_in] = largest(a);
+    const auto [speed_out, acceleration_out] = largest(b);
+    const double turn_in = speed_in * norm(into.rotation), turn_out = speed_out * norm(out.rotation);
+    const double width = end - start;
+    return {(acceleration_in * norm(into.translation) + acceleration_out * norm(out.translation)) / (width * width),
+            (turn_in + turn_out) / width,
+            (acceleration_in * norm(into.rotation) + acceleration_out * norm(out.rotation) + turn_in * turn_out) /
+                (width * width)};
+}
+
 Transform RoutePiece::at(double u) const {
     const double back = evaluate(a, u), on = evaluate(b, u);
     return {pose.rotation * (rotation_by(into.rotation, -back) * rotation_by(out.rotation, on)),
@@ -33,6 +64,27 @@ const RoutePiece& Route::piece_at(double s) const {
     const auto next = std::upper_bound(pieces.begin() + 1, pieces.end(), s,
                                        [](double at, const RoutePiece& piece) { return at < piece.start; });
     return *(next - 1);
+}
+
+Route Route::of(std::vector<RoutePiece> pieces) {
+    double length = 0.0, passed = 0.0;
+    for (const RoutePiece& piece : pieces) length += piece.width;
+    for (std::size_t i = 0; i < pieces.size(); ++i) {
+        const double count = static_cast<double>(pieces.size());
+        pieces[i].start = i == 0 ? 0.0 : pieces[i - 1].end;
+        passed += pieces[i].width;
+        pieces[i].end = length > 0.0 ? passed / length : static_cast<double>(i + 1) / count;
+    }
+    pieces.back().end = 1.0;
+    return {std::move(pieces)};
+}
+
+Route Route::straight(const Transform& first, const Transform& last) {
+    const RouteSegment segment = RouteSegment::between(first, last);
+    RoutePiece piece{first, segment, segment, {}, {}, segment.length};
+    for (std::size_t i = 0; i < piece.b.size(); ++i)
+        piece.b[i] = segment.length * static_cast<double>(i) / static_cast<double>(piece.b.size() - 1);
+    return of({piece});
 }
 
 Transform Route::pose(double s) const {
@@ -51,6 +103,12 @@ constexpr double kMinSpacing = 1.0 / 64;
 
 // rad or m: excess over a joint limit that is attributed to floating-point errors.
 constexpr double kRounding = 1e-9;
+
+// rad or m: the reduction of the limits in a second attempt; it exceeds the overshoot of a spline.
+constexpr double kLimitGuard = 2e-3;
+
+// The least number of pieces of a route: a spline through fewer poses is only a parabola.
+constexpr double kMinPieces = 3.0;
 
 // Number of parts into which the piece is divided in which the route becomes unreachable, to locate the end.
 constexpr int kEndParts = 8;
@@ -143,17 +201,44 @@ std::vector<double> spline_slopes(std::span<const double> knots, std::span<const
     return slopes;
 }
 
-// Poses that were solved one after another, up to the first that cannot be reached although no joint was limited by
-// its step; the rest of q and limited is then undefined.
+// Poses that are solved one after another, up to the first that cannot be reached although no joint was limited by its
+// step; the rest of q and limited is then undefined.
 struct RouteFollower::Tracked {
     std::vector<double> q;   // (k, n), with the first configuration
     Flags limited;           // (k - 1) the pieces in which a joint moved by the maximum step
     std::size_t unreached;   // the first piece whose end is not reached; k - 1 if all are
+    std::vector<Tracker::State> states;  // at the knots that were reached
+
+    // Solve the poses at the knots after number `begin`; those up to it were solved before, with the same knots.
+    void solve(Tracker& tracker, const TrackingTask& tracking, const Route& route, std::span<const double> knots,
+               std::size_t begin) {
+        const std::size_t pieces = knots.size() - 1, n = tracker.q().size();
+        tracker.resume(states[begin]);
+        states.resize(begin + 1);
+        limited.resize(begin);
+        limited.resize(pieces, false);
+        q.resize((pieces + 1) * n);
+        unreached = pieces;
+        for (std::size_t i = begin; i < pieces; ++i) {
+            const Transform target = route.pose(knots[i + 1]);
+            tracker.step(target, 1.0);
+            const double *before = q.data() + i * n, *after = tracker.q().data();
+            std::copy_n(after, n, q.data() + (i + 1) * n);
+            for (std::size_t j = 0; j < n; ++j)
+                if (std::abs(after[j] - before[j]) / tracking.speed[j] >= kFullStep) limited[i] = true;
+            if (unreached < pieces) continue;
+            if (!fulfils(tracking.task, measure(tracking.task, target, forward_kinematics(tracking.chain, after)))) {
+                unreached = i;
+                if (!limited[i]) break;
+            } else {
+                states.push_back(tracker.state());
+            }
+        }
+    }
 };
 
-RouteFollower::RouteFollower(TrackingTask tracking, const FollowerSettings& settings, std::vector<double> lower,
-                             std::vector<double> upper)
-    : tracking_(std::move(tracking)), settings_(settings), lower_(std::move(lower)), upper_(std::move(upper)) {
+RouteFollower::RouteFollower(TrackingTask tracking, const FollowerSettings& settings)
+    : tracking_(std::move(tracking)), settings_(settings) {
     const Task& task = tracking_.task;
     position_ = task.positions > 0;
     for (int axis = 0; axis < 3; ++axis)
@@ -162,48 +247,60 @@ RouteFollower::RouteFollower(TrackingTask tracking, const FollowerSettings& sett
 }
 
 std::size_t RouteFollower::outside(std::span<const double> q) const {
-    for (std::size_t j = 0; j < dof(); ++j) {
-        const double lower = std::max(lower_[j], tracking_.lower[j]), upper = std::min(upper_[j], tracking_.upper[j]);
-        if (!(q[j] >= lower - kRounding && q[j] <= upper + kRounding)) return j;
-    }
+    for (std::size_t j = 0; j < dof(); ++j)
+        if (!(q[j] >= tracking_.lower[j] - kRounding && q[j] <= tracking_.upper[j] + kRounding)) return j;
     return dof();
 }
 
-RouteFollower::Tracked RouteFollower::track(const Route& route, std::span<const double> knots,
-                                            const std::vector<double>& first) const {
-    const std::size_t pieces = knots.size() - 1, n = dof();
-    Tracked found{first, Flags(pieces), pieces};
-    found.q.resize((pieces + 1) * n);
-    Tracker tracker(tracking_, first);
-    for (std::size_t i = 0; i < pieces; ++i) {
-        const Transform target = route.pose(knots[i + 1]);
-        tracker.step(target, 1.0);
-        const double *before = found.q.data() + i * n, *q = tracker.q().data();
-        std::copy_n(q, n, found.q.data() + (i + 1) * n);
-        for (std::size_t j = 0; j < n; ++j)
-            if (std::abs(q[j] - before[j]) / tracking_.speed[j] >= kFullStep) found.limited[i] = true;
-        if (found.unreached < pieces) continue;
-        if (!fulfils(tracking_.task, measure(tracking_.task, target, forward_kinematics(tracking_.chain, q)))) {
-            found.unreached = i;
-            if (!found.limited[i]) break;
-        }
+JointCurve RouteFollower::follow(const Route& route, const std::vector<double>& first) const {
+    const std::vector<double> knots = first_knots(route);
+    JointCurve curve = follow_within(tracking_, route, knots, first);
+    const bool leaves_limits = curve.stop == RouteStop::kDeviation && std::ranges::max(curve.outside) > kRounding;
+    if (!leaves_limits || dof() <= static_cast<std::size_t>(tracking_.task.positions + tracking_.task.angles))
+        return curve;
+    TrackingTask inside = tracking_;
+    for (std::size_t j = 0; j < dof(); ++j) {
+        const double guard = std::min(kLimitGuard, 0.25 * (inside.upper[j] - inside.lower[j]));
+        inside.lower[j] = std::min(inside.lower[j] + guard, first[j]);
+        inside.upper[j] = std::max(inside.upper[j] - guard, first[j]);
     }
-    return found;
+    JointCurve second = follow_within(inside, route, knots, first);
+    return second.knots.back() > curve.knots.back() ? second : curve;
 }
 
-JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
-                                 const std::vector<double>& first) const {
+// The borders of the pieces and parameters between them, such that none of the intervals exceeds the steps.
+std::vector<double> RouteFollower::first_knots(const Route& route) const {
+    const double least = kMinPieces / static_cast<double>(route.pieces.size());
+    std::vector<double> knots;
+    for (const RoutePiece& piece : route.pieces) {
+        const RouteSegment& along = piece.out;
+        const double steps = std::ceil(along.length * std::max(norm(along.translation) / settings_.translation_step,
+                                                               norm(along.rotation) / settings_.rotation_step));
+        const double share = along.length > 0.0 ? piece.width / along.length : 0.0;
+        const double count = std::ceil(std::max({steps * share, least, 1.0}));
+        for (double k = 0.0; k < count; k += 1.0) knots.push_back(piece.start + k * ((piece.end - piece.start) / count));
+    }
+    knots.push_back(1.0);
+    return knots;
+}
+
+JointCurve RouteFollower::follow_within(const TrackingTask& tracking, const Route& route, std::vector<double> knots,
+                                        const std::vector<double>& first) const {
     const std::size_t n = dof();
     double spacing = 0.0;
     for (std::size_t i = 0; i + 1 < knots.size(); ++i) spacing = std::max(spacing, knots[i + 1] - knots[i]);
     JointCurve curve;
+    Tracker tracker(tracking, first);
+    Tracked tracked{first, {}, 0, {tracker.state()}};
+    std::size_t solved = 0;  // the number of the knot up to which poses are solved
     for (int round = 1; knots.size() > 1; ++round) {
         const std::size_t pieces = knots.size() - 1;
         const auto wide = [&](std::size_t i) {
             return round <= kMaxRounds && knots[i + 1] - knots[i] > kMinSpacing * spacing;
         };
-        Tracked tracked = track(route, knots, first);
+        tracked.solve(tracker, tracking, route, knots, solved);
         if (const std::size_t at = tracked.unreached; at < pieces) {
+            solved = at;
             Flags which(pieces);
             if (wide(at) && tracked.limited[at]) {
                 for (std::size_t i = at; i < pieces; ++i) which[i] = tracked.limited[i] && wide(i);
@@ -217,6 +314,9 @@ JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
                 const double* q = tracked.q.data() + at * n;
                 curve.before.assign(q, q + n);
                 curve.reached.assign(q + n, q + 2 * n);
+                curve.lower = tracking.lower;
+                curve.upper = tracking.upper;
+                curve.spacing = spacing;
                 knots.resize(settings_.only_complete ? 1 : at + 1);
             }
             continue;
@@ -232,7 +332,8 @@ JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
             for (std::size_t r = 0; r < kCubic; ++r)
                 for (std::size_t j = 0; j < n; ++j) {
                     const double q = control[(i * kCubic + r) * n + j];
-                    outside[i * n + j] = std::max({outside[i * n + j], lower_[j] - q, q - upper_[j]});
+                    outside[i * n + j] = 
+                        std::max({outside[i * n + j], tracking_.lower[j] - q, q - tracking_.upper[j]});
                 }
             for (std::size_t j = 0; j < n; ++j)
                 if (outside[i * n + j] > kRounding) bad[i] = true;
@@ -248,6 +349,7 @@ JointCurve RouteFollower::follow(const Route& route, std::vector<double> knots,
             curve.slopes = std::move(slopes);
             return curve;
         }
+        solved = worst;
         if (wide(worst)) {
             for (std::size_t i = 0; i < pieces; ++i) bad[i] = bad[i] && wide(i);
             knots = subdivided(knots, bad, 2);
@@ -317,7 +419,7 @@ std::vector<RouteDeviation> RouteFollower::deviations(const Route& route, std::s
             change += (joint.prismatic ? 0.0 : bend) + turn * turning;
             turning += turn;
         }
-        const RoutePiece& wanted = route.piece_at(0.5 * (knots[i] + knots[i + 1]));
+        const RoutePiece::Derivatives wanted = route.piece_at(0.5 * (knots[i] + knots[i + 1])).derivatives();
         linear += wanted.acceleration;
         const double angular =
             scale_ * (change + turning * turning + wanted.turn_change + wanted.turn * wanted.turn);

@@ -18,22 +18,35 @@
 
 namespace pinproof {
 
-struct RouteDirection {
+// The segment between two poses, on which the orientation rotates about one fixed axis: its direction per metre, and its
+// length (m). In the length, rotations are weighted by kLever (m/rad), about the size of a gripper; it affects the
+// spacing of poses only. Lengths up to kMinLength (m), a tenth of the tolerance with which poses are reached, are 0.
+struct RouteSegment {
+    static constexpr double kLever = 0.25, kMinLength = 1e-7;
+
     Vec3 translation, rotation;
+    double length;
+
+    static RouteSegment between(const Transform& first, const Transform& last);
 };
 
 struct RoutePiece {
     static constexpr std::size_t kCoefficients = 6;
 
     Transform pose;
-    RouteDirection into, out;
+    RouteSegment into, out;
     std::array<double, kCoefficients> a, b;  // in the Bernstein basis
-    double start, end;                       // parameters of the route
-    // The sizes of the derivatives by the parameter of the route are at most these:
-    double acceleration;       // of the position
-    double turn, turn_change;  // of the angular velocity, and of its derivative
+    double width;                            // m; its share of the parameter of the route
+    double start = 0.0, end = 1.0;           // parameters of the route, set by Route::of
+
+    // Upper bounds of the sizes of the derivatives by the parameter of the route.
+    struct Derivatives {
+        double acceleration;       // of the position
+        double turn, turn_change;  // of the angular velocity, and of its derivative
+    };
 
     Transform at(double u) const;
+    Derivatives derivatives() const;
 };
 
 struct Route {
@@ -41,6 +54,11 @@ struct Route {
 
     const RoutePiece& piece_at(double s) const;
     Transform pose(double s) const;
+
+    // The route of pieces that follow one another; its parameter from 0 to 1 is proportional to their widths.
+    static Route of(std::vector<RoutePiece> pieces);
+    // The route of a single segment.
+    static Route straight(const Transform& first, const Transform& last);
 };
 
 // Joint curves along which the tcp follows a route, on one IK branch and without jumps.
@@ -67,8 +85,9 @@ struct Route {
 //
 // Source of the derivatives of the chain: J. Craig, "Introduction to Robotics" (2005), sections 5.6 and 5.7.
 struct FollowerSettings {
-    double deviation, rotation_deviation;  // m, rad; allowed at every point
-    double max_joint_step;                 // rad or m between solved poses
+    double deviation, rotation_deviation;     // m, rad; allowed at every point
+    double translation_step, rotation_step;   // m, rad; the largest between the first poses that are solved
+    double max_joint_step;                    // rad or m between solved poses
     bool only_complete;  // the curve and the exact end are not wanted of a route that cannot be followed completely
 };
 
@@ -89,6 +108,8 @@ struct JointCurve {
     double at = 0.0;
     std::vector<double> before;
     std::vector<double> reached;  // the configuration closest to that pose
+    std::vector<double> lower, upper;  // the limits within which the poses were solved
+    double spacing = 0.0;              // the largest initial one, by the parameter
     // kDeviation: the bounds, and by how much each joint may leave its limits.
     double deviation_there = 0.0, rotation_deviation_there = 0.0;
     std::vector<double> outside;
@@ -106,32 +127,37 @@ std::vector<double> spline_slopes(std::span<const double> knots, std::span<const
 
 class RouteFollower {
 public:
-    // The curve keeps the limits lower and upper (n); poses are solved within those of `tracking`.
-    RouteFollower(TrackingTask tracking, const FollowerSettings& settings, std::vector<double> lower,
-                  std::vector<double> upper);
+    // Poses are solved, and the curve is, within the limits of `tracking`.
+    RouteFollower(TrackingTask tracking, const FollowerSettings& settings);
 
-    // Follow a route from its first pose, at which the arm is at `first` (n), within both limits, with poses at the
-    // knots after the first; more poses are solved where necessary.
-    JointCurve follow(const Route& route, std::vector<double> knots, const std::vector<double>& first) const;
+    // Follow a route from its first pose, at which the arm is at `first` (n), within the limits. Poses are solved at
+    // intervals that do not exceed the steps, and at more points where necessary.
+    //
+    // If a redundant arm moves along a joint limit, the solved poses are at the limit and the spline through them
+    // exceeds it. Then there is a second attempt, with poses solved within limits that are reduced by kLimitGuard; the
+    // curve that gets farther is returned.
+    JointCurve follow(const Route& route, const std::vector<double>& first) const;
 
     // The deviation of a curve with the same parameter; its knots include all borders of the route up to its end.
     std::vector<RouteDeviation> deviations(const Route& route, std::span<const double> knots,
                                            std::span<const double> control) const;
 
     std::size_t dof() const { return tracking_.chain.dof; }
+    const Chain& chain() const { return tracking_.chain; }
 
     // The first joint whose value (n) is outside its limits by more than rounding; dof() if there is none.
     std::size_t outside(std::span<const double> q) const;
 
 private:
     struct Tracked;
-    Tracked track(const Route& route, std::span<const double> knots, const std::vector<double>& first) const;
+    JointCurve follow_within(const TrackingTask& tracking, const Route& route, std::vector<double> knots,
+                             const std::vector<double>& first) const;
+    std::vector<double> first_knots(const Route& route) const;
     std::vector<double> levers(std::span<const double> control) const;
     RouteDeviation difference(const Route& route, double s, const double* q) const;
 
     TrackingTask tracking_;
     FollowerSettings settings_;
-    std::vector<double> lower_, upper_;
     bool position_;             // whether the task constrains the position
     std::vector<int> columns_;  // the axes whose directions count: all, one, or none
     double scale_;              // of a chord: sqrt(2) for a rotation, 1 for an axis

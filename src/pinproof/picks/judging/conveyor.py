@@ -21,7 +21,7 @@ import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, Upright, certify, curve_hash
 from pinproof.errors import InputError, TimingError
-from pinproof.ik import IkTask, track
+from pinproof.ik import track
 from pinproof.motion import RATE_TOLERANCE, CubicPath, Trajectory
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.input.settings import Conveyor
@@ -190,16 +190,7 @@ def _followed(phases: _Phases, q: Array) -> Following | _BeltExcess | str:
         ends = [phases.target(phases.offset(t)[0]) for t in (0.0, tracking.duration)]
         share = tracking.times / tracking.duration
         path = CubicPath(tracking.q, tracking.velocities * tracking.duration, share, tracking.joint_names)
-        follower = RouteFollower(
-            arm=arm,
-            task=IkTask(),
-            deviation=1e-3,
-            rotation_deviation=1e-2,
-            translation_step=0.05,
-            rotation_step=0.2,
-            max_joint_step=0.3,
-        )
-        bounds = follower.bound(path, Route.straight(*ends)).max(axis=0)
+        bounds = RouteFollower(arm=arm).bound(path, Route.straight(*ends)).max(axis=0)
         deviations = float(bounds[0]), float(bounds[1])
     return Following(part(0, 2), tracking, part(3, 5), stops[2] - stops[0], *deviations)
 

@@ -59,7 +59,16 @@ from pinproof.picks.judging.grasp import (
     score_parts,
     screen,
 )
-from pinproof.picks.judging.lines import Attempt, Crossing, along, control_points, full_rotations, span, transit
+from pinproof.picks.judging.lines import (
+    Attempt,
+    Crossing,
+    along,
+    control_points,
+    full_rotations,
+    may_approach,
+    span,
+    transit,
+)
 from pinproof.picks.judging.place import Placer, PlaceSearch, Placing, Scores
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
@@ -262,6 +271,11 @@ class BestFirst:
         attempt = along(task, self._candidates[index], max(tried, default=(1, 0.0)))
         self.attempts.append(attempt)
         if not attempt.passed:
+            if task.cell.trial is not None and len(self.attempts) == 1:
+                # In a trial, the reasons of the others are not wanted, so one call sorts out most of them
+                left = self._order[1 : self._budget.configurations]
+                may = may_approach(task, [self._candidates[i] for i in left])
+                self._order[1:] = [i for i, possible in zip(left, may.tolist(), strict=True) if possible]
             return
         # A complete motion is at most as good as its lines, at any full rotations within the limits
         arm, (low, high) = task.arm, span(attempt.q, attempt.approach, attempt.retreat)

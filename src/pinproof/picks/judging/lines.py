@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, certify, proven_millimetres
 from pinproof.common.steps import step
@@ -16,7 +17,7 @@ from pinproof.picks.judging.grasp import GraspCandidate
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.task import PickTask, torque_limits
 from pinproof.picks.judging.verdict import LINES, Stage, StageResult
-from pinproof.planning import LinearStatus, PlanResult, plan_linear, planner_of, shortcut, with_turns
+from pinproof.planning import LinearStatus, PlanResult, RouteFollower, plan_linear, planner_of, shortcut, with_turns
 from pinproof.spatial import SE3, Array
 
 Pairs = tuple[tuple[str, str], ...]
@@ -106,6 +107,15 @@ def along(task: PickTask, candidate: GraspCandidate, best: tuple[int, float] = (
     out, parting = first or line_out(task, candidate, fraction if lines == 2 else 0.0)
     stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
     return Attempt(candidate, candidate.q, stages, into.path, out.path, parting, out.fraction, clearance)
+
+
+def may_approach(task: PickTask, candidates: Sequence[GraspCandidate]) -> npt.NDArray[np.bool_]:
+    """Whether the straight approach of each candidate (k,) is possible without regard to contacts."""
+    if not task.pick.approach or not candidates:
+        return np.ones(len(candidates), dtype=bool)
+    ends = task.targets([task.pick.before(task.grasp(candidate.member)) for candidate in candidates])
+    follower = RouteFollower(arm=task.arm, least=1.0)
+    return np.isfinite(follower.ends_of_lines(np.array([each.q for each in candidates]), ends)[:, 0])
 
 
 def line_in(task: PickTask, candidate: GraspCandidate, least: float = 0.0) -> ToolLine:

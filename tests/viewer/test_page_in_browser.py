@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 import pinproof as pp
-from pinproof.cell import LeftOut, write_allocation_page, write_sequence_page
+from pinproof.cell import LeftOut
 from pinproof.collision import Scene
 from pinproof.description import robots_folder
 from pinproof.ik import AnalyticIk
@@ -352,7 +352,7 @@ def test_page_shows_the_cell_at_any_time_of_the_cycle(visit, pages, ur5):
     table.write_text("x,y,yaw,share\n" + "".join(f"{x},{y},0,0.5\n{x},{y},1,0.75\n" for x, y, _ in grid), "utf-8")
     heat = pp.cell.read_heat_map(table)
     assert np.allclose(heat.xyz, grid)
-    write_sequence_page(result, pages("sequence"), heat_map=heat)
+    result.save(pages("sequence"), heat_map=heat)
     page = visit("sequence")
     assert page.texts("#rows tr:last-child td") == ["", "far <i>", "left out", "", "", "reach: too far"]
     assert ("guessed accelerations" in page.text("#figures"), "FREE" in page.text("#figures")) == (True, True)
@@ -382,7 +382,7 @@ def test_page_shows_two_arms_on_the_common_clock(visit, pages):
     picks = pp.read_picks(Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml")
     few = replace(picks, picks=tuple(pick for pick in picks if pick.name in ("part_1_1", "part_6_3")))
     result = pp.cell.allocate(picks.load_cell(), pp.Scene.load(picks.scene), few, compare=False, grip_dwell=0.3)
-    write_allocation_page(result, pages("allocation"))
+    result.save(pages("allocation"))
     page, part = visit("allocation"), result.parts["part_6_3"]
     assert len(page.texts("#rows tr")) == 2
     for time, at in ((0.0, part.before), (part.gripped - 0.1, part.before), (part.released + 0.1, part.after)):

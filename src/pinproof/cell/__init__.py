@@ -12,7 +12,6 @@ from pinproof.cell.allocation.allocation_result import (
     ArmTime,
     OneArm,
     PartState,
-    write_allocation_page,
 )
 from pinproof.cell.allocation.common_clock import ArmPiece, CommonInterval, Timing
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
@@ -33,7 +32,6 @@ from pinproof.cell.sequencing.sequence_result import (
     SequencePhase,
     SequenceResult,
     SequenceStep,
-    write_sequence_page,
 )
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
@@ -71,6 +69,4 @@ __all__ = [
     "sequence",
     "tolerance_study",
     "without_parts",
-    "write_allocation_page",
-    "write_sequence_page",
 ]

@@ -135,10 +135,7 @@ def cell_sequence(
         result, interrupted = error.result, error
     # Files, then the answer: of an interrupted search, the best sequence so far.
     for path in outputs:
-        if heat is not None and path.suffix.lower() == ".html":
-            pp.cell.write_sequence_page(result, path, heat_map=heat)
-        else:
-            result.save(path)
+        result.save(path, heat_map=heat)
     from pinproof.model import guess_note  # loads the kinematics
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):

@@ -25,6 +25,9 @@ from pinproof.viewer import Bar, Film, set_stage, simplified
 SAME_PLACE = 1e-6
 """Relative difference of poses below which a part is where it was assumed to be."""
 
+SAME_TIME = 1e-9
+"""Seconds: differences are rounding."""
+
 
 @struct("one_arm", more=True, written=True)
 class OneArm:
@@ -119,9 +122,6 @@ class AllocationResult(Answer, Saved, Written):
             table = Rows(("start", "duration", "pick", "phase"), rows, numbers={"start", "duration"})
             parts += [f"## {arm.arm}", table]
         return markdown(*parts, *(f"left out: {pick.name}: {pick.reason}" for pick in self.missing))
-
-    def _write_page(self, path: str | Path) -> None:
-        write_allocation_page(self, path)
 
     @property
     @reported()
@@ -299,77 +299,64 @@ class AllocationResult(Answer, Saved, Written):
     def __iter__(self) -> Iterator[ArmTime]:
         return iter(self.arms)
 
-
-SAME_TIME = 1e-9
-"""Seconds: differences are rounding."""
-
-
-def write_allocation_page(result: AllocationResult, path: str | Path, *, title: str | None = None) -> None:
-    """Write the page of several arms; it opens offline in any browser.
-
-    Raises
-    ------
-    InputError
-        If no pick is executed.
-    ViewerError
-        If the robots have nothing to draw, or the page cannot be written.
-    """
-    if not result.programs:
-        raise InputError("no pick is executed that a page could show")
-    stage = simplified(set_stage(result.group, result.scene, result.tools))
-    # The rows of the table, and the bars of the chart
-    rows, bars = [], []
-    for arm, pieces in result.programs.items():
-        sequence = result.sequences[arm]
-        for piece in pieces:
-            label = ", ".join(filter(None, (piece.pick, piece.name)))
-            bars.append(Bar(arm, piece.name, piece.start, piece.duration, f"{arm}: {label}"))
-        for step in sequence.steps:
-            name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
-            limited_by = step.limited_by.replace(f"{arm}{PART}", "")
-            start, duration = own[0].start, own[-1].end - own[0].start
-            rows.append(CellRow(f"{name} ({arm})", start, duration, step.verdict.clearance, limited_by))
-    figures = [(f"makespan{guess_mark(result.group.limits.acceleration_source)}", f"{result.makespan:.1f} s")]
-    if np.isfinite(result.ratio):
-        figures.append(("of the time of one arm", f"{100 * result.ratio:.0f} %"))
-    figures += [(f"utilisation of {load.arm}", f"{100 * load.utilisation:.0f} %") for load in result.arms]
-    verdict = "FREE" if result.free else "NOT PROVEN"
-    figures.append((f"smallest proven clearance {proven_millimetres(result.clearance)}", verdict))
-    # Key frames of all arms and of the parts, which rest before and after they are carried
-    whole, arms = result.trajectory, list(result.group.ends)
-    times = np.linspace(0.0, whole.duration, min(int(np.ceil(whole.duration * RATE)) + 1, MOST_FRAMES))
-    events = [time for state in result.parts.values() for time in (state.gripped, state.released)]
-    times = np.unique(np.concatenate([times, events]))
-    configurations = np.asarray(whole(times))
-    tcps = np.stack([stage.tcp_poses(q) for q in configurations])
-    # where the parts are in the key frames in which they are carried, and before and after
-    held: dict[str, dict[int, Array]] = {}
-    for number, arm in enumerate(arms):
-        for piece in result.programs.get(arm, []):
-            frames = np.flatnonzero((times >= piece.start - SAME_TIME) & (times <= piece.end + SAME_TIME)).tolist()
-            for thing in piece.carries:
-                if thing.name in result.parts:
-                    placed = held.setdefault(thing.name, {})
-                    placed |= {k: tcps[k, number] @ matrix(thing.pose) for k in frames if k not in placed}
-    riders = {}
-    for name, placed in held.items():
-        carried = sorted(placed)
-        latest = np.searchsorted(carried, np.arange(len(times)), side="right") - 1
-        riders[name] = np.stack([placed[carried[k]] for k in latest.clip(0)])
-    poses = np.stack([stage.link_poses(q) for q in configurations])
-    write_cell_page(
-        path,
-        stage,
-        Film(times, poses, tcps[:, :, :3, 3], riders),
-        title=title or f"Cell of {', '.join(arms)}",
-        summary=result.message,
-        figures=figures,
-        notes=[f"Not proven: {result.reason}"] * bool(result.reason) + [f"Not covered: {n}" for n in result.notes],
-        duration=result.makespan,
-        rows=sorted(rows, key=lambda row: row.start),
-        left_out=[(pick.name, pick.reason) for pick in result.missing],
-        bars=sorted(bars, key=lambda bar: arms.index(bar.lane)),
-        lanes=arms,
-        acceleration_source=result.group.limits.acceleration_source,
-        several=True,
-    )
+    def _write_page(self, path: str | Path) -> None:
+        """Write the page of all arms; ViewerError if the robots have nothing to draw, or it cannot be written."""
+        if not self.programs:
+            raise InputError("no pick is executed that a page could show")
+        stage = simplified(set_stage(self.group, self.scene, self.tools))
+        # The rows of the table, and the bars of the chart
+        rows, bars = [], []
+        for arm, pieces in self.programs.items():
+            sequence = self.sequences[arm]
+            for piece in pieces:
+                label = ", ".join(filter(None, (piece.pick, piece.name)))
+                bars.append(Bar(arm, piece.name, piece.start, piece.duration, f"{arm}: {label}"))
+            for step in sequence.steps:
+                name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
+                limited_by = step.limited_by.replace(f"{arm}{PART}", "")
+                start, duration = own[0].start, own[-1].end - own[0].start
+                rows.append(CellRow(f"{name} ({arm})", start, duration, step.verdict.clearance, limited_by))
+        figures = [(f"makespan{guess_mark(self.group.limits.acceleration_source)}", f"{self.makespan:.1f} s")]
+        if np.isfinite(self.ratio):
+            figures.append(("of the time of one arm", f"{100 * self.ratio:.0f} %"))
+        figures += [(f"utilisation of {load.arm}", f"{100 * load.utilisation:.0f} %") for load in self.arms]
+        verdict = "FREE" if self.free else "NOT PROVEN"
+        figures.append((f"smallest proven clearance {proven_millimetres(self.clearance)}", verdict))
+        # Key frames of all arms and of the parts, which rest before and after they are carried
+        whole, arms = self.trajectory, list(self.group.ends)
+        times = np.linspace(0.0, whole.duration, min(int(np.ceil(whole.duration * RATE)) + 1, MOST_FRAMES))
+        events = [time for state in self.parts.values() for time in (state.gripped, state.released)]
+        times = np.unique(np.concatenate([times, events]))
+        configurations = np.asarray(whole(times))
+        tcps = np.stack([stage.tcp_poses(q) for q in configurations])
+        # where the parts are in the key frames in which they are carried, and before and after
+        held: dict[str, dict[int, Array]] = {}
+        for number, arm in enumerate(arms):
+            for piece in self.programs.get(arm, []):
+                frames = np.flatnonzero((times >= piece.start - SAME_TIME) & (times <= piece.end + SAME_TIME)).tolist()
+                for thing in piece.carries:
+                    if thing.name in self.parts:
+                        placed = held.setdefault(thing.name, {})
+                        placed |= {k: tcps[k, number] @ matrix(thing.pose) for k in frames if k not in placed}
+        riders = {}
+        for name, placed in held.items():
+            carried = sorted(placed)
+            latest = np.searchsorted(carried, np.arange(len(times)), side="right") - 1
+            riders[name] = np.stack([placed[carried[k]] for k in latest.clip(0)])
+        poses = np.stack([stage.link_poses(q) for q in configurations])
+        write_cell_page(
+            path,
+            stage,
+            Film(times, poses, tcps[:, :, :3, 3], riders),
+            title=f"Cell of {', '.join(arms)}",
+            summary=self.message,
+            figures=figures,
+            notes=[f"Not proven: {self.reason}"] * bool(self.reason) + [f"Not covered: {n}" for n in self.notes],
+            duration=self.makespan,
+            rows=sorted(rows, key=lambda row: row.start),
+            left_out=[(pick.name, pick.reason) for pick in self.missing],
+            bars=sorted(bars, key=lambda bar: arms.index(bar.lane)),
+            lanes=arms,
+            acceleration_source=self.group.limits.acceleration_source,
+            several=True,
+        )

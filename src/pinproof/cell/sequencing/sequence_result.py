@@ -424,8 +424,76 @@ class SequenceResult(Answer, Saved, Written):
         table = Rows(("", "pick", "start", "duration", "limited by"), rows, numbers={"", "start", "duration"})
         return markdown(f"# Sequence of {self.robot}", self.message, table)
 
-    def _write_page(self, path: str | Path) -> None:
-        write_sequence_page(self, path)
+    def save(self, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None) -> None:
+        """Write the sequence as JSON, CSV, Markdown, or as a page (.html) that opens offline in any browser.
+
+        Parameters
+        ----------
+        path
+            The file to write.
+        heat_map
+            Points on the floor of the page, such as the result of a search for the base placement.
+        title
+            The title of the page. Default: the name of the robot.
+
+        Raises
+        ------
+        InputError
+            For another suffix, or if the sequence has no step that a page could show.
+        FileError, ViewerError
+            If the file cannot be written, or the robot has nothing to draw on a page.
+        """
+        self._save(path, heat_map=heat_map, title=title)
+
+    def _write_page(self, path: str | Path, *, heat_map: ColouredPoints | None, title: str | None) -> None:
+        if not self.steps:
+            raise InputError("the sequence has no step that a page could show")
+        setup = self.setup
+        arm = setup.checker.arm
+        stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
+        # The film of all motions, with rests at dwell times
+        own = {thing.name for thing in setup.shared.open_tool}
+        timed = [(phase.start, phase.motion) for step in self.steps for phase in step.phases]
+        end = self.steps[-1].end
+        phases = []
+        for start, motion in [*timed, (end, self.closing)]:
+            if motion is not None:
+                carried = tuple(thing for thing in motion.attached if thing.name not in own)
+                phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
+        # The rows of the table, and the bars of the chart
+        rows = [
+            CellRow(step.name, step.start, step.duration, step.verdict.clearance, step.limited_by)
+            for step in self.steps
+        ]
+        bars = [
+            Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")
+            for step in self.steps
+            for phase in step.phases
+        ]
+        if self.closing is not None:
+            bars.append(Bar("transit", "transit", end, self.closing_time, "transit"))
+        free = "FREE" if all(motion.certificate.free for motion in self.motions) else "UNPROVEN"
+        write_cell_page(
+            path,
+            stage,
+            film(stage, phases, rate=RATE, most=MOST_FRAMES),
+            title=title or f"Cell of {arm.robot.name}",
+            summary=self.message,
+            figures=[
+                (f"cycle{guess_mark(self.acceleration_source)}", f"{self.duration:.1f} s"),
+                ("parts per minute", f"{self.parts_per_minute:.1f}"),
+                ("above the lower bound", f"{100 * self.gap:.1f} %"),
+                (f"motions, smallest proven clearance {proven_millimetres(self.clearance)}", free),
+            ],
+            notes=[f"Not covered: {note}" for note in self.notes],
+            duration=self.duration,
+            rows=rows,
+            left_out=[(pick.name, pick.reason) for pick in self.left_out],
+            bars=bars,
+            lanes=PHASES,
+            acceleration_source=self.acceleration_source,
+            heat_map=heat_map,
+        )
 
     def _why_not(self) -> str:
         reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
@@ -438,75 +506,3 @@ def _by_phase(phases: Iterable[SequencePhase]) -> dict[str, float]:
     for phase in phases:
         total[phase.name] = total.get(phase.name, 0.0) + phase.duration
     return total
-
-
-def write_sequence_page(
-    result: SequenceResult, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None
-) -> None:
-    """Write the page of a sequence; it opens offline in any browser.
-
-    Parameters
-    ----------
-    result
-        The sequence.
-    path
-        The file to write.
-    heat_map
-        Points to draw on the floor, such as the result of a search for the base placement.
-    title
-        The title of the page. Default: the name of the robot.
-
-    Raises
-    ------
-    InputError
-        If the sequence has no step.
-    ViewerError
-        If the robot has nothing to draw, or the page cannot be written.
-    """
-    if not result.steps:
-        raise InputError("the sequence has no step that a page could show")
-    setup = result.setup
-    arm = setup.checker.arm
-    stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
-    # The film of all motions, with rests at dwell times
-    own = {thing.name for thing in setup.shared.open_tool}
-    timed = [(phase.start, phase.motion) for step in result.steps for phase in step.phases]
-    end = result.steps[-1].end
-    phases = []
-    for start, motion in [*timed, (end, result.closing)]:
-        if motion is not None:
-            carried = tuple(thing for thing in motion.attached if thing.name not in own)
-            phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
-    # The rows of the table, and the bars of the chart
-    rows = [
-        CellRow(step.name, step.start, step.duration, step.verdict.clearance, step.limited_by) for step in result.steps
-    ]
-    bars = [
-        Bar(phase.name, phase.name, phase.start, phase.duration, f"{step.pick.name}, {phase.name}")
-        for step in result.steps
-        for phase in step.phases
-    ]
-    if result.closing is not None:
-        bars.append(Bar("transit", "transit", end, result.closing_time, "transit"))
-    free = "FREE" if all(motion.certificate.free for motion in result.motions) else "UNPROVEN"
-    write_cell_page(
-        path,
-        stage,
-        film(stage, phases, rate=RATE, most=MOST_FRAMES),
-        title=title or f"Cell of {arm.robot.name}",
-        summary=result.message,
-        figures=[
-            (f"cycle{guess_mark(result.acceleration_source)}", f"{result.duration:.1f} s"),
-            ("parts per minute", f"{result.parts_per_minute:.1f}"),
-            ("above the lower bound", f"{100 * result.gap:.1f} %"),
-            (f"motions, smallest proven clearance {proven_millimetres(result.clearance)}", free),
-        ],
-        notes=[f"Not covered: {note}" for note in result.notes],
-        duration=result.duration,
-        rows=rows,
-        left_out=[(pick.name, pick.reason) for pick in result.left_out],
-        bars=bars,
-        lanes=PHASES,
-        acceleration_source=result.acceleration_source,
-        heat_map=heat_map,
-    )

@@ -19,7 +19,6 @@ line to 0 for a reversal. By symmetry the middle is the point nearest to p, at t
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -28,6 +27,7 @@ import numpy.typing as npt
 
 from pinproof._core import spline_slopes
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import Accepting, described, key
 from pinproof.errors import InputError
 from pinproof.motion.curve import Bezier, BezierCurve, checked_joint_names, ends_meet, increasing, read_only
 from pinproof.spatial import Array, finite
@@ -50,19 +50,12 @@ reversed to within 6 degrees, and the arm would almost stop in a rounding."""
 MIN_SEGMENT = 1e-12
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@described(eq=False, repr=False)
 class JointPath(BezierCurve, Shown):
     """Straight segments between waypoints; no timing.
 
     The parameter is the index of the waypoint as a float: ``path(1.5)`` is the middle between waypoints 1 and 2. A path
     may have a single waypoint, and consecutive waypoints may be equal.
-
-    Parameters
-    ----------
-    q
-        (m, n) waypoints, m >= 1, in radians or metres.
-    joint_names
-        The n joints, in the order of the columns.
 
     Raises
     ------
@@ -70,14 +63,14 @@ class JointPath(BezierCurve, Shown):
         If a shape is wrong, a number is not finite, or joint names are empty or repeated.
     """
 
-    q: Array
-    joint_names: tuple[str, ...]
+    q: Accepting[Array, npt.ArrayLike] = key("(m, n) waypoints, m >= 1, in radians or metres")
+    joint_names: Accepting[tuple[str, ...], Iterable[str]] = key("the n joints, in the order of the columns")
 
     NUMBERS = ("q",)
 
-    def __init__(self, q: npt.ArrayLike, joint_names: Iterable[str]) -> None:
-        names = checked_joint_names(joint_names)
-        waypoints = finite("q", q, (None, len(names)))
+    def __post_init__(self) -> None:
+        names = checked_joint_names(self.joint_names)
+        waypoints = finite("q", self.q, (None, len(names)))
         if len(waypoints) == 0:
             raise InputError("q has no waypoint; a path requires at least one")
         self._set(q=waypoints, joint_names=names)
@@ -131,23 +124,12 @@ class JointPath(BezierCurve, Shown):
         return View(head, [Rows(("waypoint", *self.joint_names), rows, len(self.q))], title=title)
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@described(eq=False, repr=False)
 class CubicPath(BezierCurve):
     """A C1 cubic Hermite spline over a path parameter; no timing.
 
     It represents curves that are smooth in joint space, such as a straight line of the tcp. The arm does not stop at
     its points, in contrast to the corners of a :class:`~pinproof.motion.JointPath`.
-
-    Parameters
-    ----------
-    q
-        (m, n) points on the path, m >= 1, in radians or metres.
-    tangents
-        (m, n) derivatives with respect to the path parameter at the points.
-    knots
-        (m,) path parameters of the points, strictly increasing, without unit.
-    joint_names
-        The n joints, in the order of the columns.
 
     Raises
     ------
@@ -155,21 +137,21 @@ class CubicPath(BezierCurve):
         If a shape is wrong, a number is not finite, knots do not increase, or joint names are invalid.
     """
 
-    q: Array
-    tangents: Array
-    knots: Array
-    joint_names: tuple[str, ...]
+    q: Accepting[Array, npt.ArrayLike] = key("(m, n) points on the path, m >= 1, in radians or metres")
+    tangents: Accepting[Array, npt.ArrayLike] = key("(m, n) derivatives with respect to the path parameter there")
+    knots: Accepting[Array, npt.ArrayLike] = key(
+        "(m,) path parameters of the points, strictly increasing, without unit"
+    )
+    joint_names: Accepting[tuple[str, ...], Iterable[str]] = key("the n joints, in the order of the columns")
 
     NUMBERS = ("q", "tangents", "knots")
 
-    def __init__(
-        self, q: npt.ArrayLike, tangents: npt.ArrayLike, knots: npt.ArrayLike, joint_names: Iterable[str]
-    ) -> None:
-        names = checked_joint_names(joint_names)
-        points = finite("q", q, (None, len(names)))
+    def __post_init__(self) -> None:
+        names = checked_joint_names(self.joint_names)
+        points = finite("q", self.q, (None, len(names)))
         if len(points) == 0:
             raise InputError("q has no point; a path requires at least one")
-        slopes, parameter = finite("tangents", tangents, points.shape), finite("knots", knots, (len(points),))
+        slopes, parameter = finite("tangents", self.tangents, points.shape), finite("knots", self.knots, (len(points),))
         self._set(q=points, tangents=slopes, knots=increasing(parameter), joint_names=names)
 
     @classmethod
@@ -229,24 +211,11 @@ class CubicPath(BezierCurve):
         return f"CubicPath({len(self.q)} points, {len(self.joint_names)} joints)"
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@described(eq=False, repr=False)
 class BlendedPath(BezierCurve):
     """Polynomial pieces over a path parameter with a continuous derivative, except at the stops; no timing.
 
     In results of :meth:`rounded`, the parameter is the arc length on straight segments and close to it in corners.
-
-    Parameters
-    ----------
-    knots
-        (k+1,) path parameters at the ends of the pieces, strictly increasing. They may be equal only for one piece of
-        zero width, a path of length 0.
-    control
-        (k, degree+1, n) control points in radians or metres, degree 1 to :data:`MAX_DEGREE`, see
-        :class:`~pinproof.motion.Bezier`. Each piece begins exactly at the end of the previous one.
-    joint_names
-        The n joints, in the order of the columns.
-    corners
-        Inner knots at which the arm must stop, increasing. Only there the derivative may jump.
 
     Raises
     ------
@@ -255,28 +224,30 @@ class BlendedPath(BezierCurve):
         derivative jumps at a knot that is not a corner, a corner is not an inner knot, or joint names are invalid.
     """
 
-    knots: Array
-    control: Array
-    joint_names: tuple[str, ...]
-    corners: tuple[float, ...] = ()
+    knots: Accepting[Array, npt.ArrayLike] = key(
+        "(k+1,) path parameters at the ends of the pieces, strictly increasing. They may be equal only for one piece "
+        "of zero width, a path of length 0"
+    )
+    control: Accepting[Array, npt.ArrayLike] = key(
+        "(k, degree+1, n) control points in radians or metres, degree 1 to :data:`MAX_DEGREE`, see "
+        ":class:`~pinproof.motion.Bezier`. Each piece begins exactly at the end of the previous one"
+    )
+    joint_names: Accepting[tuple[str, ...], Iterable[str]] = key("the n joints, in the order of the columns")
+    corners: Accepting[tuple[float, ...], Iterable[float]] = key(
+        "inner knots at which the arm must stop, increasing. Only there the derivative may jump", default=()
+    )
 
     NUMBERS = ("control", "knots", "corners")
 
-    def __init__(
-        self,
-        knots: npt.ArrayLike,
-        control: npt.ArrayLike,
-        joint_names: Iterable[str],
-        corners: Iterable[float] = (),
-    ) -> None:
-        names = checked_joint_names(joint_names)
-        points = finite("control", control, (None, None, len(names)))
+    def __post_init__(self) -> None:
+        names = checked_joint_names(self.joint_names)
+        points = finite("control", self.control, (None, None, len(names)))
         if len(points) == 0 or not 1 <= points.shape[1] - 1 <= MAX_DEGREE:
             raise InputError(
                 f"control must contain at least one piece of degree 1 to {MAX_DEGREE}; its shape is {points.shape}"
             )
-        parameter = finite("knots", knots, (len(points) + 1,))
-        stops = tuple(finite("corners", list(corners), (None,)).tolist())
+        parameter = finite("knots", self.knots, (len(points) + 1,))
+        stops = tuple(finite("corners", list(self.corners), (None,)).tolist())
         # A path of length 0 is one piece of zero width. Otherwise knots increase and pieces meet exactly.
         constant = len(points) == 1 and parameter[0] == parameter[1]
         if constant and (points != points[0, 0]).any():

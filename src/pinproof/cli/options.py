@@ -12,10 +12,9 @@ import inspect
 import math
 from collections.abc import Callable, Iterable, Sized
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
-from enum import Enum
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 import typer
@@ -437,8 +436,8 @@ def _with_value(name: str, hint: Any, default: Any, panel: str | None = None) ->
         info.param_decls = (f"--{name.replace('_', '-')}",)
     # What the help shows for the value: the choices, or a kind of number with its range
     plain = next(each for each in (*get_args(kind), kind) if each is not type(None))
-    if info.metavar is None and isinstance(plain, type) and issubclass(plain, Enum):
-        info.metavar = "|".join(each.value for each in plain)
+    if info.metavar is None and get_origin(kind) is Literal:
+        info.metavar = "|".join(get_args(kind))
     elif info.metavar is None and plain in VALUES:
         ends = [f"{end:g}" for end in (info.min, info.max) if end is not None]
         info.metavar = "..".join(ends) if len(ends) == 2 else f"{VALUES[plain]}{'>=' if ends else ''}{''.join(ends)}"

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import MISSING, dataclass
-from enum import Enum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -31,20 +30,11 @@ if TYPE_CHECKING:
 SUFFIXES = (".csv", ".npz", ".png", ".html")
 
 
-class Orientations(str, Enum):
-    """Named sets of orientations."""
-
-    DOWN = "down"
-    CONE = "cone"
-    ALL = "all"
-    HOME = "home"
-
-
 REMEDIES = {
-    Orientations.DOWN: "use --orientations all or home, another --tcp or a --tip",
-    Orientations.CONE: "use --orientations all or home, another --tcp or a --tip",
-    Orientations.ALL: "use --orientations home, more --directions, another --tcp or a --tip",
-    Orientations.HOME: "use more --spins, another --tcp or a --tip",
+    "down": "use --orientations all or home, another --tcp or a --tip",
+    "cone": "use --orientations all or home, another --tcp or a --tip",
+    "all": "use --orientations home, more --directions, another --tcp or a --tip",
+    "home": "use more --spins, another --tcp or a --tip",
 }
 """What to do if the arm takes none of the orientations."""
 
@@ -53,10 +43,10 @@ REMEDIES = {
 class OrientationOptions:
     """The orientations of the tool that are tried at each point."""
 
-    orientations: Orientations = option(
+    orientations: Literal["down", "cone", "all", "home"] = option(
         "Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
         "or the direction at home, for planar arms.",
-        Orientations.DOWN,
+        "down",
     )
     angle: float = option("Half angle of the cone in degrees.", 30.0, min=0.0, max=180.0)
     directions: int = option("Number of directions for cone and all.", 12, min=1)
@@ -64,10 +54,10 @@ class OrientationOptions:
 
     def frames(self, axis: Array) -> Array:
         """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""
-        if self.orientations is Orientations.HOME:
+        if self.orientations == "home":
             return pp.picks.tool_orientations(axis[None], self.spins)
         # Directions in a cone around straight down; all directions are a cone of half a turn
-        half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
+        half_angles = {"down": 0.0, "cone": math.radians(self.angle), "all": math.pi}
         half = half_angles[self.orientations]
         directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
         if len(directions) > 1:

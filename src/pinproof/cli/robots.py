@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import MISSING, asdict, replace
-from enum import Enum
 from pathlib import Path
 from textwrap import wrap
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -36,13 +35,6 @@ from pinproof.common.results import Rows
 from pinproof.errors import InputError, MeshError
 from pinproof.formats import FORMATS
 from pinproof.units import refuse_degrees
-
-
-class Convention(str, Enum):
-    """The two conventions of Denavit-Hartenberg parameters."""
-
-    STANDARD = "standard"
-    MODIFIED = "modified"
 
 
 def info(
@@ -134,7 +126,7 @@ def dh2urdf(
 def urdf2dh(
     robot: Robot,
     output: Path = option("The DH table to write (.yaml, .csv).", MISSING, "-o", "--output"),
-    convention: Convention = option("Convention of the table.", Convention.STANDARD),
+    convention: Literal["standard", "modified"] = option("Convention of the table.", "standard"),
     *,
     chain: ChainOptions,
     as_json: Json = False,
@@ -147,10 +139,10 @@ def urdf2dh(
     """
     check_output_files([output], [robot, *chain.files])
     arm = chain.arm(robot)
-    rows = pp.urdf_to_dh(arm, convention=convention.value)
+    rows = pp.urdf_to_dh(arm, convention=convention)
     rows.save(output)
     data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
-    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention.value} convention)"
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention} convention)"
     print_result(data, [line], as_json=as_json)
 
 
@@ -174,17 +166,6 @@ def schema(
 
 COLUMN = 10
 """Characters of a joint value in a table: seven joints fit into 80 columns."""
-
-
-class TaskOption(str, Enum):
-    """The part of the target pose that the solution must meet."""
-
-    POSE = "pose"
-    POSITION = "position"
-    ORIENTATION = "orientation"
-    SPIN_X = "spin_x"
-    SPIN_Y = "spin_y"
-    SPIN_Z = "spin_z"
 
 
 def fk(
@@ -222,8 +203,8 @@ def ik(
         'Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".', "", metavar="POSITION"
     ),
     rpy: str = option('Target roll, pitch and yaw in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
-    task: TaskOption = option(
-        "What must match the target; spin_z leaves the rotation about tool z free.", TaskOption.POSE
+    task: Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"] = option(
+        "What must match the target; spin_z leaves the rotation about tool z free.", "pose"
     ),
     method: str = option(
         "The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
@@ -247,16 +228,16 @@ def ik(
     """
     # Contradictions are refused before the robot is loaded
     solver = pp.ik.make_ik(method)
-    if not xyz and task is not TaskOption.ORIENTATION:
+    if not xyz and task != "orientation":
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
-    if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
+    if all_branches and (method not in ("clik", "analytic") or task != "pose"):
         raise InputError("--all uses the method analytic and full poses; remove --method and --task")
     angles = numbers(rpy, "--rpy", "roll pitch yaw")
     refuse_degrees("--rpy", angles)
     arm = setup.arm(robot)
     target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
     if setup.has_tool and not setup.attachments.tip.isIdentity():
-        if task is not TaskOption.POSE:
+        if task != "pose":
             raise InputError(
                 "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
             )
@@ -280,8 +261,8 @@ def ik(
         print_result(data, lines, as_json=as_json, ok=found.ok)
         return
     # A pose that was not found may be proven out of reach
-    result = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
-    if result.status is pp.ik.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
+    result = solver.solve(arm, target, start, rng=seed, task=task, accept=accept)
+    if result.status is pp.ik.IkStatus.NOT_FOUND and task == "pose" and pp.ik.is_provable(arm):
         proof = pp.prove_unreachable(
             arm,
             target,

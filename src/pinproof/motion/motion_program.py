@@ -12,7 +12,7 @@ import json
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from pinproof.common.structs import (
     ANY_TEXT,
     PLAIN_NUMBER,
     Key,
+    Kind,
     Misread,
     Table,
     choice,
@@ -32,8 +33,10 @@ from pinproof.common.structs import (
     mapping_to,
     required,
     schema_version,
+    struct,
     table_of,
 )
+from pinproof.common.validation import require_number
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
 from pinproof.motion.trajectory import Trajectory
@@ -43,6 +46,7 @@ from pinproof.motion.trajectory_files import (
     NANO,
     RATES,
     STATE_KEYS,
+    TIME,
     UNITS,
     MotionRecord,
     Reader,
@@ -51,7 +55,6 @@ from pinproof.motion.trajectory_files import (
 from pinproof.spatial import Array
 
 EventKind = Literal["grip", "release"]
-EVENT_KINDS = get_args(EventKind)
 
 # The units that a program states.
 PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_from_start"}, "time": "s and ns"}
@@ -74,17 +77,31 @@ class ProgramSegment:
         return (_clock(self.start) + _clock(self.trajectory.duration)) / NANO
 
 
-@described()
-class ProgramEvent:
-    """What happens while the arm rests between two segments."""
+# A time in seconds, which files state in nanoseconds.
+TIMED = Kind(
+    TIME,
+    lambda name, value: require_number(name, value, "s", minimum=0.0),
+    lambda name, stated, path: TIME.parse(name, stated, path) / NANO,
+    lambda seconds: stamp(_clock(seconds)),
+)
 
-    kind: EventKind = key('``"grip"`` or ``"release"``')
-    time: float = key("from the start of the program, at the end of a segment", "s")
-    dwell: float = key("how long the arm then rests; the next segment starts at ``time + dwell``", "s", default=0.0)
-    object: str = key("the name of the object that is gripped or released; empty if the pick states none", default="")
+
+@struct("event")
+class ProgramEvent:
+    """What happens while the arm rests at the end of a segment."""
+
+    kind: EventKind = key("what the gripper does")
+    time: float = key("time of the event from the start of the program", kind=TIMED)
+    dwell: float = key("how long the arm then rests", default=0.0, required=True, kind=TIMED)
+    object: str = key(
+        "object that is gripped or released; empty if the pick states none", default="", required=True, kind=ANY_TEXT
+    )
     joints: Mapping[str, float] = key(
-        "values (rad or m) of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+        "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+        "rad or m",
         default_factory=dict,
+        required=True,
+        kind=mapping_to(PLAIN_NUMBER),
     )
 
     @property
@@ -136,10 +153,6 @@ class MotionProgram(Shown):
         ends, last = {_clock(segment.end) for segment in self.segments}, self.segments[-1]
         dwells: dict[int, int] = {}
         for event in self.events:
-            if event.kind not in EVENT_KINDS:
-                raise InputError(f"event {event.kind!r} is unknown; valid: {', '.join(EVENT_KINDS)}")
-            if event.dwell < 0:
-                raise InputError(f"event {event.kind!r} has a dwell time of {event.dwell} s; it must be 0 or more")
             if _clock(event.time) not in ends:
                 raise InputError(f"event {event.kind!r} at {event.time} s is not at the end of a segment")
             if _clock(event.time) == _clock(last.end) and last.trajectory.velocities[-1].any():
@@ -354,22 +367,6 @@ SEGMENT = Table(
     required("points", list_of(PROGRAM_POINT, 1), "the points in the order of time"),
 )
 
-EVENT = Table(
-    "event",
-    "What happens while the arm rests at the end of a segment.",
-    required("kind", choice(*EVENT_KINDS), "what the gripper does"),
-    _time("time", "time of the event from the start of the program"),
-    _time("dwell", "how long the arm then rests"),
-    required("object", ANY_TEXT, "object that is gripped or released; empty if the pick states none"),
-    required(
-        "joints",
-        mapping_to(PLAIN_NUMBER),
-        "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
-        "rad or m",
-    ),
-    make=lambda time, dwell, **stated: ProgramEvent(time=time / NANO, dwell=dwell / NANO, **stated),
-)
-
 # The keys of a program before its segments.
 PROGRAM_HEAD = Table(
     "program",
@@ -399,7 +396,7 @@ PROGRAM_HEAD = Table(
     ),
     required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
     _time("duration", "time of the end of the program, with all dwell times"),
-    required("events", list_of(EVENT), "the events in the order of time"),
+    required("events", list_of(table_of(ProgramEvent)), "the events in the order of time"),
     required(
         "certificates",
         mapping_to(table_of(MotionRecord)),

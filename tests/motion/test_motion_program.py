@@ -159,7 +159,7 @@ def test_file_that_is_no_program_is_refused(tmp_path, text):
 
 def test_negative_dwell_time_is_refused():
     made = program()
-    with pytest.raises(InputError, match="dwell must be .* at least 0"):
+    with pytest.raises(InputError, match=r"dwell must be .* at least 0"):
         replace(made, events=(replace(made.events[0], dwell=-0.1),))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from pinproof.collision import Mover, Obstacle, Scene
 from pinproof.common.structs import described, key
@@ -422,22 +423,8 @@ def tracks(
 
 
 def quaternions(rotations: Array) -> Array:
-    """(N, 4) quaternions x, y, z, w of rotation matrices (N, 3, 3).
-
-    The largest of the four components is computed first, which avoids cancellation (Shepperd 1978).
-    """
-    trace = np.trace(rotations, axis1=1, axis2=2)
-    diagonal = np.diagonal(rotations, axis1=1, axis2=2)
-    squares = np.column_stack([1 + 2 * diagonal - trace[:, None], 1 + trace])  # four times x^2, y^2, z^2, w^2
-    products = np.empty((len(rotations), 4, 4))
-    products[:, range(4), range(4)] = squares
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        products[:, i, j] = products[:, j, i] = rotations[:, i, j] + rotations[:, j, i]
-    for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
-        products[:, i, 3] = products[:, 3, i] = rotations[:, j, k] - rotations[:, k, j]
-    rows = products[np.arange(len(rotations)), squares.argmax(axis=1)]
-    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
-    # q and -q are the same rotation; neighbours get the same sign.
+    """(N, 4) quaternions x, y, z, w of rotation matrices (N, 3, 3); those of neighbours have the same sign."""
+    rows = np.array([pin.Quaternion(rotation).coeffs() for rotation in rotations])
     flips = np.einsum("ij,ij->i", rows[1:], rows[:-1]) < 0
     rows[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-    return np.asarray(rows)
+    return rows

@@ -71,7 +71,7 @@ def space_of(one: Any, other: Any, at: np.ndarray, margin: float = 0.0) -> _core
     joint = _core.Joint(before=HERE, prismatic=True, index=0, multiplier=1.0, offset=0.0)
     robot, obstacles = [_core.Body(one, 0, HERE)], _core.Obstacles([_core.Body(other, -1, at)])
     geometry = _core.Geometry(_core.JointTree([joint], 1), robot, obstacles, 1e-12)
-    space = _core.Workspace(_core.World(geometry, np.array([[0, 1]]), np.array([margin])))
+    space = _core.Workspace(_core.World(geometry, _core.PairTable(geometry, np.array([[0, 1]])), np.array([margin])))
     space.place(np.zeros(1))
     return space
 

@@ -83,6 +83,83 @@ def test_a_checker_with_held_joints_equals_that_of_the_arm_with_these():
     same(other.with_held(arm.held), checker, arm)
 
 
+def crowd(count: int) -> pp.Scene:
+    """Boxes, spheres and exact meshes about an arm."""
+    rng = np.random.default_rng(4)
+    solid = trimesh.creation.annulus(0.03, 0.08, 0.05)
+    shapes = (
+        pp.Box(0.1, 0.15, 0.2),
+        pp.Sphere(0.06),
+        pp.Mesh(vertices=np.array(solid.vertices), triangles=np.array(solid.faces), hull=False),
+    )
+    places = [somewhere(rng) for _ in range(count)]
+    return pp.Scene([pp.Obstacle(f"thing_{i}", shapes[i % 3], place) for i, place in enumerate(places)])
+
+
+def somewhere(rng):
+    towards = rng.normal(size=3)
+    return pp.pose(towards / np.linalg.norm(towards) * rng.uniform(0.6, 3.0), rng.uniform(-2, 2, 3))
+
+
+@pytest.mark.parametrize("moves", [1, 5, 40])
+def test_a_checker_of_moved_obstacles_equals_a_new_one(ur5, moves):
+    """A few of them take their places in the tree of the others; with many moves, a new tree is made."""
+    rng = np.random.default_rng(moves)
+    checker = first = pp.CollisionChecker(ur5, crowd(150), allowed=[("forearm_link", "thing_7")])
+    for _ in range(moves):
+        checker = checker.with_scene(checker.scene.move(f"thing_{rng.integers(150)}", somewhere(rng)))
+    assert checker._assembly.pairs is first._assembly.pairs
+    assert 0 < len(checker._assembly.around.replaced) <= min(moves, 150 / 8)
+    new = pp.CollisionChecker(ur5, checker.scene, allowed=[("forearm_link", "thing_7")])
+    Q = random_q(ur5, 2000)
+    assert checker.is_free_batch(Q).tolist() == new.is_free_batch(Q).tolist()
+    assert 100 < checker.is_free_batch(Q).sum() < 1900
+    np.testing.assert_allclose(checker.clearance_batch(Q[:200]), new.clearance_batch(Q[:200]), rtol=0, atol=1e-9)
+    for q in Q[:100]:
+        assert {c.bodies for c in checker.check(q).contacts} == {c.bodies for c in new.check(q).contacts}
+    assert checker.rounding == new.rounding
+    assert checker.fingerprint() == new.fingerprint()
+    same(pickle.loads(pickle.dumps(checker)), checker, ur5)
+
+
+def test_an_obstacle_of_another_shape_takes_the_place_of_the_old_one(ur5):
+    scene = crowd(40)
+    plate = trimesh.creation.box((0.3, 0.3, 0.01))
+    shapes = [
+        pp.Sphere(0.2),
+        pp.HalfSpace(),
+        pp.Mesh(vertices=np.array(plate.vertices), triangles=np.array(plate.faces), hull=False),
+    ]
+    checker = pp.CollisionChecker(ur5, scene)
+    for shape in shapes:
+        changed = replace(scene["thing_4"], shape=shape)
+        other = replace(scene, obstacles=tuple(changed if o.name == "thing_4" else o for o in scene.obstacles))
+        derived, new = checker.with_scene(other), pp.CollisionChecker(ur5, other)
+        Q = random_q(ur5, 500)
+        assert derived.is_free_batch(Q).tolist() == new.is_free_batch(Q).tolist()
+        assert derived.convex.tolist() == new.convex.tolist()
+
+
+def test_a_moved_obstacle_that_was_the_farthest_no_longer_sets_the_allowance_for_rounding(ur5):
+    scene = crowd(40).move("thing_3", pp.pose((900.0, 0, 0)))
+    far = pp.CollisionChecker(ur5, scene)
+    near = far.with_scene(scene.move("thing_3", pp.pose((1.0, 0, 0))))
+    assert far.rounding > 100 * near.rounding
+    assert near.rounding == pp.CollisionChecker(ur5, near.scene).rounding
+    assert near.with_scene(far.scene).rounding == far.rounding
+
+
+def test_omitted_pairs_are_checked_again_in_another_scene(ur5):
+    checker = pp.CollisionChecker(ur5, crowd(40))
+    less = checker.without_pairs(range(0, len(checker.pairs), 2))
+    assert len(less.pairs) < len(checker.pairs)
+    assert less.with_scene(checker.scene.move("thing_1", pp.pose((0, 0, 3.0)))).pairs == checker.pairs
+    assert less.with_margin(0.01).pairs == less.pairs
+    allowed = less.allowing(("forearm_link", "thing_2"))
+    again = allowed.with_scene(checker.scene.move("thing_1", pp.pose((0, 0, 3.0))))
+    assert again.pairs == checker.allowing(("forearm_link", "thing_2")).pairs
+
+
 def test_deriving_does_not_change_the_checker(ur5):
     checker, fresh = pp.CollisionChecker(ur5, pp.Scene([BALL])), pp.CollisionChecker(ur5, pp.Scene([BALL]))
     checker.is_free(np.zeros(6))

@@ -51,7 +51,7 @@ def workspace(shapes, at, direction=None, margin=0.0):
     count = 2 if begins else 1
     obstacles = _core.Obstacles(bodies[count:])
     geometry = _core.Geometry(_core.JointTree([joint], 1), bodies[:count], obstacles, 1e-12)
-    space = _core.Workspace(_core.World(geometry, np.array([[0, 1]]), np.array([margin])))
+    space = _core.Workspace(_core.World(geometry, _core.PairTable(geometry, np.array([[0, 1]])), np.array([margin])))
     space.place(np.array([9.0 * begins]))
     return space, travel
 

@@ -155,7 +155,7 @@ def cells(**changes: Any) -> Any:
 
 def cells_on_a_joint() -> Any:
     space = _core.Geometry(tree(), [body(cells(), 0)], _core.Obstacles([body(cube(), -1)]), 1e-9)
-    return _core.World(space, PAIRS[:1] - [0, 1], np.zeros(1))
+    return world_of(space, PAIRS[:1] - [0, 1])
 
 
 def tree(parents: tuple[int, int] = (-1, 0), dof: int = 2, **changes: Any) -> Any:
@@ -177,8 +177,17 @@ def geometry(robot_bodies: int = 2, joints: tuple[int, int, int] = (0, 1, -1), o
 PAIRS = np.array([[0, 2], [1, 2]])
 
 
+def world_of(space: Any, pairs: np.ndarray = PAIRS, margins: np.ndarray | None = None) -> Any:
+    return _core.World(space, _core.PairTable(space, pairs), np.zeros(len(pairs)) if margins is None else margins)
+
+
 def world() -> Any:
-    return _core.World(geometry(), PAIRS, np.zeros(2))
+    return world_of(geometry())
+
+
+def replaced(numbers: Any = (0,), others: Any = None) -> Any:
+    space = _core.Obstacles([body(cube(), -1)])
+    return space.replaced(np.array(numbers, dtype=np.int64), others or [body(cube(), -1)])
 
 
 def edges() -> Any:
@@ -276,7 +285,7 @@ def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
 
 def mesh_world(**changes: Any) -> Any:
     obstacle = body(mesh(**changes), -1, moved(0.85))
-    return _core.World(geometry(obstacle=obstacle), np.array([[1, 2]]), np.zeros(1))
+    return world_of(geometry(obstacle=obstacle), np.array([[1, 2]]))
 
 
 def prove_beside_mesh(**changes: Any) -> Any:
@@ -422,9 +431,17 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a name of no box": lambda: _core.describe_boxes(["'a'"], []),
     "a box without a shape": lambda: _core.describe_boxes(["'a'"], [body(None, -1)]),
     "a body placed at NaN": lambda: body(cube(), 0, np.full((4, 4), NAN)),
-    "pairs in one row": lambda: _core.World(geometry(), PAIRS.reshape(1, 4), np.zeros(2)),
-    "a pair with a body that does not exist": lambda: _core.World(geometry(), np.array([[0, 3]]), np.zeros(1)),
-    "a pair of an obstacle and another": lambda: _core.World(geometry(), np.array([[2, 0]]), np.zeros(1)),
+    "pairs in one row": lambda: world_of(geometry(), PAIRS.reshape(1, 4)),
+    "a pair with a body that does not exist": lambda: world_of(geometry(), np.array([[0, 3]])),
+    "a pair of an obstacle and another": lambda: world_of(geometry(), np.array([[2, 0]])),
+    "pairs of bodies on other joints": lambda: _core.World(
+        geometry(joints=(1, 0, -1)), _core.PairTable(geometry(), PAIRS), np.zeros(2)
+    ),
+    "pairs of fewer bodies": lambda: world().with_obstacles(geometry(robot_bodies=1, joints=(0, -1, -1))),
+    "another obstacle that does not exist": lambda: replaced((1,)),
+    "more obstacles than there are others": lambda: replaced((0, 0)),
+    "another obstacle on a joint": lambda: replaced(others=[body(cube(), 0)]),
+    "bodies at NaN": lambda: _core.bodies_on_joint([cube()], 0, np.full((4, 4), NAN)),
     "a margin that is NaN": lambda: world().with_margins(np.array([0.0, NAN])),
     "too few margins": lambda: world().with_margins(np.zeros(1)),
     "a workspace without a world": lambda: _core.Workspace(None),
@@ -446,7 +463,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a resolution of zero": lambda: _core.EdgeChecker(world(), 0.0),
     "a negative resolution": lambda: edges().set_resolution(-1.0),
     "samples in a world with fewer bodies": lambda: edges().set_steering(
-        _core.World(geometry(robot_bodies=1, joints=(0, -1, -1)), np.array([[0, 2]]), np.zeros(1)), False
+        world_of(geometry(robot_bodies=1, joints=(0, -1, -1)), np.array([[0, 2]])), False
     ),
     "torque limits of one joint": lambda: edges().set_torque_limits(bodies(), np.ones(1)),
     "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=0), np.ones(2)),

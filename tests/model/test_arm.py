@@ -160,6 +160,33 @@ def test_joint_that_cannot_be_held_is_refused(zoo, held, message):
         zoo.arm(tcp="tool", held=held)
 
 
+CARRIAGE = """<robot name="carriage"><link name="root"/><link name="lift"/><link name="base"/><link name="upper"/>
+<link name="tip"/><link name="finger"/>
+<joint name="up" type="prismatic"><parent link="root"/><child link="lift"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1" effort="1" velocity="1"/></joint>
+<joint name="fixed" type="fixed"><parent link="lift"/><child link="base"/><origin xyz="0.1 0 0"/></joint>
+<joint name="turn" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+<origin xyz="0 0 0.2"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="wrist" type="revolute"><parent link="upper"/><child link="tip"/><axis xyz="0 1 0"/>
+<origin xyz="0.4 0 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="grip" type="prismatic"><parent link="tip"/><child link="finger"/><axis xyz="0 1 0"/>
+<origin xyz="0.1 0 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("held", [{"grip": 0.03}, {"up": 0.7}, {"up": 0.2, "grip": 0.05}])
+def test_an_arm_with_other_held_joints_equals_one_that_was_made_with_them(held):
+    """Also if a held joint carries the base of the arm."""
+    first = pp.load_robot(CARRIAGE).arm(base="base", tcp="tip")
+    arm, made = first.with_held(held), pp.load_robot(CARRIAGE).arm(base="base", tcp="tip", held=held)
+    q = np.array([0.4, -0.7])
+    assert dict(arm.held) == dict(made.held)
+    for frame in ("base", "tip", "finger"):
+        assert arm.root_from_frame(q, frame) == made.root_from_frame(q, frame)
+    np.testing.assert_array_equal(arm.forward_kinematics_batch([q]), made.forward_kinematics_batch([q]))
+    assert arm.root_from_base == made.root_from_base
+    assert arm.with_held(first.held).root_from_frame(q, "finger") == first.root_from_frame(q, "finger")
+
+
 def test_with_held_refuses_unknown_joints_and_other_types(zoo):
     arm = zoo.arm(tcp="tool")
     for held, message in (({"nope": None}, "valid: .*finger"), (0.03, "held must be of type Mapping")):

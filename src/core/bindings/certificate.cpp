@@ -94,16 +94,16 @@ void bind_constraints(nb::module_& module) {
 }
 
 Departure make_departure(const World& world, std::size_t body, const Vector& normal, double level) {
-    if (body >= world.space().robot_bodies) refuse("not a body of the robot");
-    return {world.geometry, static_cast<int>(body), hull_of(world.space().bodies[body].shape),
+    if (body >= world.space().robot.size()) refuse("not a body of the robot");
+    return {world.geometry, static_cast<int>(body), hull_of(world.space().robot[body].shape),
             unit_vector("normal", normal, kUnit), finite("level", level)};
 }
 
 // A pair of a body of the robot and an obstacle that no joint moves.
-const Pair& pair_with_obstacle(const World& world, std::int64_t pair) {
-    if (pair < 0 || static_cast<std::size_t>(pair) >= world.pairs.size()) refuse("not a pair of bodies");
-    if (!world.pairs[pair].with_obstacle) refuse("not a pair with an obstacle");
-    return world.pairs[pair];
+int pair_with_obstacle(const World& world, std::int64_t pair) {
+    if (pair < 0 || static_cast<std::size_t>(pair) >= world.size()) refuse("not a pair of bodies");
+    if (!world.pair(static_cast<int>(pair)).with_obstacle) refuse("not a pair with an obstacle");
+    return static_cast<int>(pair);
 }
 
 std::vector<PairSeparation> separate(const World& world, const Indices& pairs, const Vector& knots,
@@ -112,23 +112,23 @@ std::vector<PairSeparation> separate(const World& world, const Indices& pairs, c
     const double* d = shaped("more", more, {kAny, 3}).data();
     std::vector<Vec3> directions;
     for (std::size_t i = 0; i < more.shape(0); ++i) directions.push_back({d[3 * i], d[3 * i + 1], d[3 * i + 2]});
-    std::vector<const Pair*> stated;
-    for (std::int64_t pair : shaped("pairs", pairs, {kAny})) stated.push_back(&pair_with_obstacle(world, pair));
+    std::vector<int> stated;
+    for (std::int64_t pair : shaped("pairs", pairs, {kAny})) stated.push_back(pair_with_obstacle(world, pair));
     nb::gil_scoped_release release;
     Separator separator(world, curve, settings);
     std::vector<PairSeparation> found;
-    for (const Pair* pair : stated) found.push_back(separator.separate(*pair, directions));
+    for (int pair : stated) found.push_back(separator.separate(pair, directions));
     return found;
 }
 
 NewArray facet_directions(const World& world, std::int64_t index, const Vector& q, double reach) {
-    const Pair& pair = pair_with_obstacle(world, index);
+    const Pair& pair = world.pair(pair_with_obstacle(world, index));
     std::vector<Vec3> found;
     if (world.shape(pair.b).kind == ShapeKind::kMesh) {
         Workspace space(std::make_shared<World>(world));
         space.place_at(finite("q", q, {world.space().tree.dof}).data());
         const ClosePair close{space.bodies()[pair.a], space.bodies()[pair.b],
-                              hull_of(world.space().bodies[pair.a].shape), world.shape(pair.b)};
+                              hull_of(world.space().robot[pair.a].shape), world.shape(pair.b)};
         found = close.directions_to_facets(reach);
     }
     return table(found, &Vec3::x, &Vec3::y, &Vec3::z);
@@ -183,20 +183,22 @@ public:
         q_ = list_of(shaped("q", q, {dof}));
         extra_ = list_of(shaped("extra", extra, {dof}));
         workspace_.place_at(q_.data());
-        bounds_.set(workspace_.joints(), workspace_.bodies(), shaped("delta", delta, {dof}).data(), extra_.data());
+        bounds_.set(workspace_.bodies(), shaped("delta", delta, {dof}).data(), extra_.data());
     }
 
-    Approach rough(std::size_t pair) const { return bounds_.rough(world_->pairs.at(pair)); }
+    Approach rough(std::size_t pair) const { return bounds_.rough(pair_at(pair)); }
     Approach tight(std::size_t pair, const Vector& u, int split, const Matrix& piece) {
         const double* control = shaped("piece", piece, {kSome, q_.size()}).data();
-        if (split < 0 || static_cast<std::size_t>(split) > world_->pairs.at(pair).joints)
+        if (split < 0 || static_cast<std::size_t>(split) > pair_at(pair).joints)
             refuse("split exceeds the number of joints between the bodies");
-        const Pair& of = world_->pairs.at(pair);
+        const Pair& of = pair_at(pair);
         bounds_.set_piece(control, static_cast<int>(piece.shape(0)), q_.data());
         return {bounds_.tight(of, split, vec3("u", u)), bounds_.growth(of, split, vec3("u", u)), 0.0, split};
     }
 
 private:
+    const Pair& pair_at(std::size_t pair) const { return world_->table->pairs.at(pair); }
+
     std::shared_ptr<World> world_;
     Workspace workspace_;
     MotionBounds bounds_;

@@ -197,75 +197,110 @@ nb::bytes describe_boxes(const nb::typed<nb::list, nb::str>& names, const nb::ty
     return nb::bytes(text.data(), text.size());
 }
 
-std::shared_ptr<Obstacles> make_obstacles(const std::vector<Body>& bodies) {
+const std::vector<Body>& at_rest(const std::vector<Body>& bodies) {
     for (const Body& body : bodies)
         if (body.shape == nullptr || body.joint != kRoot) refuse("an obstacle has no shape, or is on a joint");
-    return std::make_shared<Obstacles>(bodies);
+    return bodies;
 }
 
-std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& robot, const Obstacles& others,
-                                        double rounding) {
+std::shared_ptr<Obstacles> replace_obstacles(const Obstacles& obstacles, const Indices& numbers,
+                                             const std::vector<Body>& others) {
+    const auto replaced = shaped("numbers", numbers, {others.size()});
+    for (std::int64_t number : replaced)
+        if (number < 0 || static_cast<std::size_t>(number) >= obstacles.bodies.size()) refuse("not an obstacle");
+    return std::make_shared<Obstacles>(obstacles.replaced(replaced, at_rest(others)));
+}
+
+std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector<Body>& robot,
+                                        std::shared_ptr<Obstacles> others, double rounding) {
     for (const Body& body : robot) {
         const bool on_joint = body.joint >= 0 && static_cast<std::size_t>(body.joint) < tree.joints.size();
         if (body.shape == nullptr || (body.joint != kRoot && !on_joint))
             refuse("a body has no shape, or is on a joint that does not exist");
     }
-    return std::make_shared<Geometry>(tree, robot, others, rounding);
+    return std::make_shared<Geometry>(tree, robot, std::move(others), rounding);
 }
 
-std::span<const double> margins_of(const Vector& margins, std::size_t pairs) {
-    const auto numbers = shaped("margins", margins, {pairs});
+std::shared_ptr<PairTable> make_pairs(const Geometry& geometry, const IndexMatrix& pairs) {
+    const auto bodies = shaped("pairs", pairs, {kAny, 2});
+    const auto robot = static_cast<std::int64_t>(geometry.robot.size());
+    const auto every = static_cast<std::int64_t>(geometry.size());
+    for (std::size_t k = 0; k < bodies.size(); k += 2)
+        if (bodies[k] < 0 || bodies[k] >= robot || bodies[k + 1] < 0 || bodies[k + 1] >= every ||
+            bodies[k] == bodies[k + 1])
+            refuse("a pair must be a body of the robot and another body");
+    return std::make_shared<PairTable>(geometry, bodies);
+}
+
+std::vector<double> margins_of(const Vector& margins, const PairTable& table) {
+    const auto numbers = shaped("margins", margins, {table.pairs.size()});
     // No comparison with NaN is true, so that the largest margin would not include it.
     if (std::ranges::any_of(numbers, [](double margin) { return std::isnan(margin); })) refuse("a margin is NaN");
-    return numbers;
+    return list_of(numbers);
 }
 
-std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const IndexMatrix& pairs, const Vector& margins) {
-    const auto bodies = shaped("pairs", pairs, {kAny, 2});
-    const auto robot = static_cast<std::int64_t>(geometry->robot_bodies);
-    const auto every = static_cast<std::int64_t>(geometry->bodies.size());
-    for (std::size_t k = 0; k < bodies.size(); k += 2) {
-        const std::int64_t a = bodies[k], b = bodies[k + 1];
-        if (a < 0 || a >= robot || b < 0 || b >= every || a == b)
-            refuse("a pair must be a body of the robot and another body");
+// A geometry whose bodies a table of pairs is for.
+std::shared_ptr<Geometry> fitting(std::shared_ptr<Geometry> geometry, const PairTable& table) {
+    if (!table.fits(*geometry)) refuse("the pairs are those of other bodies or joints");
+    for (std::size_t a = 0; a < table.is_first.size(); ++a) {
         const ShapeKind kind = geometry->shape(static_cast<int>(a)).kind;
-        if (kind == ShapeKind::kHalfSpace || kind == ShapeKind::kCells)
+        if (table.is_first[a] && (kind == ShapeKind::kHalfSpace || kind == ShapeKind::kCells))
             refuse("a half-space, and cells, must be the second body of a pair");
     }
-    return std::make_shared<World>(std::move(geometry), bodies, margins_of(margins, pairs.shape(0)));
+    return geometry;
 }
 
 void bind_world(nb::module_& module) {
     bind_struct<Body>(module, "Body", "A body of the robot on a joint or the root (-1), or an obstacle on the root.",
                       unchecked, MEMBERS(Body, shape, joint, joint_from_body));
+    module.def("bodies_on_joint", [](const std::vector<std::shared_ptr<Shape>>& shapes, int joint, const Matrix& pose) {
+            const Transform place = transform("joint_from_body", pose);
+            std::vector<Body> bodies;
+            for (const auto& shape : shapes) bodies.push_back({shape, joint, place});
+            return bodies;
+        }, "shapes"_a, "joint"_a, "joint_from_body"_a, "Bodies of several shapes at one pose on a joint or the root.");
     module.def("box_bodies", &box_bodies, "halves"_a, "poses"_a,
                "The bodies of boxes with half their sides (N, 3) at poses (N, 4, 4) in the root frame.");
     module.def("describe_boxes", &describe_boxes, "names"_a, "boxes"_a,
                "The names (as repr), sides and poses of the bodies of boxes, for a hash.");
     nb::class_<Obstacles>(module, "Obstacles", "The bodies of obstacles, for the geometries of several checkers.")
-        .def(nb::new_(&make_obstacles), "bodies"_a);
+        .def(nb::new_([](const std::vector<Body>& bodies) { return std::make_shared<Obstacles>(at_rest(bodies)); }),
+             "bodies"_a)
+        .def("replaced", &replace_obstacles, "numbers"_a, "bodies"_a,
+             "The same with other bodies in place of those with these numbers.");
     nb::class_<Geometry>(module, "Geometry", "The bodies of a checker: those of the robot, then the obstacles.")
         .def(nb::new_(&make_geometry), "tree"_a, "robot"_a, "obstacles"_a, "rounding"_a);
+    nb::class_<PairTable>(module, "PairTable", "Pairs of bodies (P, 2), whatever their shapes and places.")
+        .def(nb::new_(&make_pairs), "geometry"_a, "pairs"_a)
+        .def("fits", &PairTable::fits, "geometry"_a, "Whether a geometry has as many bodies, on the same joints.");
     nb::class_<World>(module, "World", "The pairs of bodies of a checker, and their margins.")
-        .def(nb::new_(&make_world), "geometry"_a, "pairs"_a, "margins"_a)
+        .def(nb::new_([](std::shared_ptr<Geometry> geometry, std::shared_ptr<PairTable> table, const Vector& margins) {
+                auto numbers = margins_of(margins, *table);
+                return std::make_shared<World>(fitting(std::move(geometry), *table), std::move(table), std::move(numbers));
+            }), "geometry"_a, "pairs"_a, "margins"_a)
         .def("with_margins", [](const World& world, const Vector& margins) {
-                return std::make_shared<World>(world.with_margins(margins_of(margins, world.pairs.size())));
+                return std::make_shared<World>(world.with_margins(margins_of(margins, *world.table)));
             }, "margins"_a)
+        .def("with_obstacles", [](const World& world, std::shared_ptr<Geometry> geometry) {
+                return std::make_shared<World>(world.with_obstacles(fitting(std::move(geometry), *world.table)));
+            }, "geometry"_a, "The same robot, pairs and margins among obstacles that were replaced.")
         .def("of_still_pairs", [](const World& world) { return std::make_shared<World>(world.of_still_pairs()); })
         .def("joints_between", [](const World& world, std::size_t pair) {
                 std::vector<Joint> joints;
-                for (int k : world.joints_between(world.pairs.at(pair))) joints.push_back(world.space().tree.joints[k]);
+                for (int k : world.joints_between(world.table->pairs.at(pair))) joints.push_back(world.space().tree.joints[k]);
                 return joints;
             }, "pair"_a, "The joints between the bodies of a pair.")
-        .def_prop_ro("still", [](const World& world) { return array_of<std::int64_t>(world.still); },
+        .def_prop_ro("still", [](const World& world) { return array_of<std::int64_t>(world.table->still); },
                      "The pairs that no joint moves relative to each other.")
-        .def_prop_ro("convex", [](const World& world) { return column<bool>(world.pairs, &Pair::convex); },
+        .def_prop_ro("convex", [](const World& world) { 
+                return column<bool>(world.table->pairs, [&](const Pair& pair) { return world.is_convex(pair); });
+             },
                      "(P,) whether both bodies of a pair have a support function, as no mesh has.")
         .def_prop_ro("first_directions", [](const World& world) {
-                return filled<double>({world.pairs.size(), 3}, [&](double* out) {
-                    for (const Pair& pair : world.pairs)
-                        for (int i = 0; i < 3; ++i) *out++ = pair.first_direction[i];
-                });
+                const auto along = [&](int axis) {
+                    return [&world, axis](const Pair& pair) { return world.first_direction(pair)[axis]; };
+                };
+                return table(world.table->pairs, along(0), along(1), along(2));
             }, "(P, 3) the direction at which the search for the distance of a pair begins; zeros: any.");
 }
 
@@ -334,7 +369,7 @@ void bind_workspace(nb::module_& module) {
             }, "configurations"_a,
             "(N,) lower bounds of the smallest distance, and whether pairs overlap.")
         .def("measure", [](const Workspace& self, std::size_t pair) {
-                if (pair >= self.world().pairs.size()) refuse("not a pair of bodies");
+                if (pair >= self.world().size()) refuse("not a pair of bodies");
                 const auto [bounds, points, normal] = self.measure(static_cast<int>(pair));
                 const Vec3 &a = points.of_a, &b = points.of_b;
                 auto witnesses = rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3);
@@ -342,12 +377,13 @@ void bind_workspace(nb::module_& module) {
             }, "pair"_a,
             "(lower, upper, points (2, 3), normal (3,)) of the distance of a pair, in the root frame.")
         .def("overlapping_boxes", [](const Workspace& self, std::size_t pair) {
-                if (pair >= self.world().pairs.size()) refuse("not a pair of bodies");
+                if (pair >= self.world().size()) refuse("not a pair of bodies");
                 const int k = static_cast<int>(pair);
-                return boxes_of(self.world().shape(self.world().pairs[k].b), self.overlapping_boxes(k));
+                return boxes_of(self.world().shape(self.world().pair(k).b), self.overlapping_boxes(k));
             }, "pair"_a, "(B, 2, 3) centre and half sides of the boxes of cells that a pair does not prove apart.")
         .def("root_from_body", [](const Workspace& self, std::size_t body) {
-                return self.bodies().at(body).root_from_body;
+                if (body >= self.world().space().size()) refuse("not a body");
+                return self.bodies()[static_cast<int>(body)].root_from_body;
             }, "body"_a);
     module.attr("FREE") = kFree;
     module.attr("CONTACT") = kContact;

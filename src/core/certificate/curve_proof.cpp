@@ -73,12 +73,11 @@ struct CurveProof::Summary {
 
 CurveProof::CurveProof(const World& world)
     : world_(world),
-      joints_(world.space().tree.joints.size()),
-      bodies_(world.space().at_rest),
+      bodies_(world.space()),
       bounds_(world),
       middle_(world.space().tree.dof),
       delta_(world.space().tree.dof),
-      memory_of_pair_(world.pairs.size()) {
+      memory_of_pair_(world.size()) {
     stack_.reserve(kDepth);
 }
 
@@ -154,10 +153,10 @@ double CurveProof::goal(double margin) const {
 }
 
 // A distance (m) that is proven of a pair beyond this is not the smallest one.
-double CurveProof::clear(const Pair& pair, const Summary& sum) const {
-    const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
+double CurveProof::clear(int k, const Summary& sum) const {
+    const double moved = world_.pair(k).with_obstacle ? settings_.obstacle_tolerance : 0.0;
     const double smallest = settings_.wants_tubes ? std::min(sum.proven + moved, state_.observed) : -kInfinity;
-    return std::max(goal(pair.margin), smallest);
+    return std::max(goal(world_.margin(k)), smallest);
 }
 
 void CurveProof::push(const Interval& interval, const double* control) {
@@ -183,8 +182,8 @@ CurveProof::Middle CurveProof::place_middle(const Interval& interval, const doub
         for (std::size_t i = interval.first_piece; i < interval.end_piece; ++i)
             widen(curve_.piece(i), curve_.points, middle_, delta_);
     }
-    place(world_.space(), middle_.data(), joints_, bodies_);
-    bounds_.set(joints_, bodies_, delta_.data(), joint_tolerance_);
+    bodies_.set(middle_.data());
+    bounds_.set(bodies_, delta_.data(), joint_tolerance_);
     if (is_single_piece(interval)) bounds_.set_piece(control, static_cast<int>(curve_.points), middle_.data());
     return middle;
 }
@@ -195,7 +194,7 @@ bool CurveProof::is_wide(const Interval& interval) const {
     if (is_single_piece(interval) || !interval.all_pairs || settings_.record) return false;
     if (state_.intervals >= settings_.max_intervals || stack_.size() + 2 > kDepth) return false;
     const double near = world_.widest_margin + (std::isfinite(state_.spare) ? std::max(state_.spare, 0.0) : 0.0);
-    return std::ranges::any_of(world_.around, [&](int body) {
+    return std::ranges::any_of(world_.table->around, [&](int body) {
         return bounds_.rough_to_obstacles(body).distance > kHopeless * near + settings_.tolerance;
     });
 }
@@ -205,32 +204,32 @@ void CurveProof::find_contact(Summary& sum) {
     sum.all_pairs_open = true;
     const Geometry& space = world_.space();
     const auto check = [&](int k) {
-        const Pair& pair = world_.pairs[k];
+        const Pair& pair = world_.pair(k);
         std::optional<Transform> a_from_b;
-        const double apart = pair.margin + space.rounding;
+        const double margin = world_.margin(k), apart = margin + space.rounding;
         if (separation_of_bounds(bodies_[pair.a], space.shape(pair.a), bodies_[pair.b], space.shape(pair.b), apart,
                                  a_from_b) > apart)
             return;
         const DistanceBounds bounds =
             bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b,
-                           {.above = pair.margin, .below = pair.margin}, memory_of(k).separation);
+                           {.above = margin, .below = margin}, memory_of(k).separation);
         note_distance(k, bounds.upper, sum);
     };
     for (int k : world_.own) check(k);
-    for (int body : world_.around)
-        for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
-            const ObstacleNode& node = space.obstacles[row];
+    for (int body : world_.table->around)
+        for (int row = 0; row < static_cast<int>(space.obstacles->nodes.size());) {
+            const ObstacleNode& node = space.obstacles->nodes[row];
             const double gap = ball_to_node(bodies_[body].centre, space.shape(body).ball, node);
             const bool beyond = gap > world_.widest_margin + space.rounding;
             row = beyond ? node.skip : row + 1;
-            if (beyond || node.body < 0) continue;
-            if (const int k = world_.pair_with_obstacle(body, node.body); k >= 0) check(k);
+            if (beyond || node.obstacle < 0) continue;
+            if (const int k = world_.pair_with_obstacle(body, node.obstacle); k >= 0) check(k);
         }
 }
 
 // A distance (m) of a pair at the middle, or an upper bound of it.
 void CurveProof::note_distance(int k, double distance, Summary& sum) {
-    const double beyond = distance - world_.pairs[k].margin;
+    const double beyond = distance - world_.margin(k);
     state_.observed = std::min(state_.observed, distance);
     state_.spare = std::min(state_.spare, beyond);
     if (beyond <= 0.0 && beyond < sum.depth) {
@@ -246,9 +245,9 @@ void CurveProof::list_pairs(Interval& interval) {
     lists_.resize(interval.list);
     lists_.insert(lists_.end(), world_.own.begin(), world_.own.end());
     const double level = goal(world_.widest_margin);
-    for (int body : world_.around)
-        for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
-            const ObstacleNode& node = space.obstacles[row];
+    for (int body : world_.table->around)
+        for (int row = 0; row < static_cast<int>(space.obstacles->nodes.size());) {
+            const ObstacleNode& node = space.obstacles->nodes[row];
             if (!settings_.record) {
                 const FarNode far = bound_node(body, row, level, is_single_piece(interval));
                 if (far.certain > level) {
@@ -258,8 +257,8 @@ void CurveProof::list_pairs(Interval& interval) {
                 }
             }
             ++row;
-            if (node.body < 0) continue;
-            if (const int k = world_.pair_with_obstacle(body, node.body); k >= 0) lists_.push_back(k);
+            if (node.obstacle < 0) continue;
+            if (const int k = world_.pair_with_obstacle(body, node.obstacle); k >= 0) lists_.push_back(k);
         }
     interval.pairs = lists_.size() - interval.list;
 }
@@ -269,7 +268,7 @@ void CurveProof::list_pairs(Interval& interval) {
 CurveProof::FarNode CurveProof::bound_node(int body, int row, double level, bool single) const {
     const Geometry& space = world_.space();
     const Shape& shape = space.shape(body);
-    const Vec3 centre = bodies_[body].centre, out = beyond_box(centre, space.obstacles[row].low, space.obstacles[row].high);
+    const Vec3 centre = bodies_[body].centre, out = beyond_box(centre, space.obstacles->nodes[row].low, space.obstacles->nodes[row].high);
     const double length = norm(out);
     const Approach& rough = bounds_.rough_to_obstacles(body);
     FarNode far{body, row, length - shape.ball, 0.0, rough.growth, kInfinity};
@@ -305,12 +304,12 @@ void CurveProof::judge_pairs(const Interval& interval, Summary& sum) {
         const double smallest = std::min(sum.proven + settings_.obstacle_tolerance, state_.observed);
         const double clear = std::max(goal(margin), smallest);
         if (is_clear(far, clear, margin, true, sum)) continue;
-        const ObstacleNode& node = world_.space().obstacles[far.row];
-        if (node.body < 0) {
-            const int second = world_.space().obstacles[far.row + 1].skip;
+        const ObstacleNode& node = world_.space().obstacles->nodes[far.row];
+        if (node.obstacle < 0) {
+            const int second = world_.space().obstacles->nodes[far.row + 1].skip;
             for (int row : {second, far.row + 1})
                 far_.push_back(bound_node(far.body, row, clear, is_single_piece(interval)));
-        } else if (const int k = world_.pair_with_obstacle(far.body, node.body); k >= 0) {
+        } else if (const int k = world_.pair_with_obstacle(far.body, node.obstacle); k >= 0) {
             judge(k, interval, sum);
         }
     }
@@ -321,16 +320,16 @@ void CurveProof::judge_pairs(const Interval& interval, Summary& sum) {
 bool CurveProof::is_clearly_apart(int k, const Approach& rough, const Summary& sum) const {
     if (settings_.record) return false;
     const Geometry& space = world_.space();
-    const Pair& pair = world_.pairs[k];
+    const Pair& pair = world_.pair(k);
     const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
     const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
     const Vec3 u = direction_between_boxes(a, shape_a, b, shape_b);
     const double gap = dot(u, b.centre - a.centre) - extent(a, shape_a, u) - extent(b, shape_b, u);
-    const double clear = this->clear(pair, sum);
+    const double clear = this->clear(k, sum);
     if (!(gap - space.rounding > clear)) return false;
     const MotionBounds::Simple approach = bounds_.nearly_tight(pair, rough.split, u);
     const double certain = gap - approach.distance - space.rounding;
-    return is_clear({0, 0, gap, certain, approach.growth, kGrowthRange}, clear, pair.margin, pair.with_obstacle, sum);
+    return is_clear({0, 0, gap, certain, approach.growth, kGrowthRange}, clear, world_.margin(k), pair.with_obstacle, sum);
 }
 
 // Replace the bound of an approach by the tight one along a direction, if that is smaller.
@@ -343,12 +342,14 @@ bool CurveProof::tighten(const Pair& pair, const Vec3& direction, Approach& appr
 }
 
 // The weakest bounds over the boxes of a body of cells, each of which is bounded as a body of its own.
-CurveProof::CellBounds CurveProof::bound_cells(const Pair& pair, const Transform& a_from_b, const Approach& rough,
+CurveProof::CellBounds CurveProof::bound_cells(int k, const Transform& a_from_b, const Approach& rough,
                                                const DistanceQuery& query) const {
+    const Pair& pair = world_.pair(k);
+    const double margin = world_.margin(k);
     const Shape &a = world_.shape(pair.a), &b = world_.shape(pair.b);
     CellBounds worst{kInfinity, kInfinity, rough.distance, kInfinity};
     const auto add = [&](double lower, const Approach& approach, double range) {
-        const double slack = lower - approach.distance - world_.space().rounding - pair.margin;
+        const double slack = lower - approach.distance - world_.space().rounding - margin;
         if (approach.growth > 0.0) worst.tube = std::min({worst.tube, range, slack / approach.growth});
         if (lower - approach.distance < worst.lower - worst.approach) {
             worst.lower = lower;
@@ -365,11 +366,11 @@ CurveProof::CellBounds CurveProof::bound_cells(const Pair& pair, const Transform
             worst.upper = std::min(worst.upper, bounds.upper);
             Approach approach = rough;
             const bool may_tighten = a.kind == ShapeKind::kConvex && !(bounds.lower > query.above) &&
-                                     bounds.upper > pair.margin;
+                                     bounds.upper > margin;
             const Vec3 direction = bodies_[pair.a].root_from_body.rotation * separation.direction;
             const bool tight = may_tighten && tighten(pair, direction, approach);
             add(bounds.lower, approach, tight ? kGrowthRange : kInfinity);
-            return worst.upper <= pair.margin;
+            return worst.upper <= margin;
         },
         [&](double gap) { add(gap, rough, kInfinity); });
     return worst;
@@ -378,11 +379,11 @@ CurveProof::CellBounds CurveProof::bound_cells(const Pair& pair, const Transform
 // Judge a pair in an interval.
 void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
     const Geometry& space = world_.space();
-    const Pair& pair = world_.pairs[k];
-    const double margin = pair.margin, goal = this->goal(margin);
+    const Pair& pair = world_.pair(k);
+    const double margin = world_.margin(k), goal = this->goal(margin);
     Approach approach = bounds_.rough(pair);
     double growth_range = kInfinity;
-    const double enough = clear(pair, sum) + approach.distance + space.rounding;
+    const double enough = clear(k, sum) + approach.distance + space.rounding;
     const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
     const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
     // If bodies may move by far more than their distance, or another pair requires that the interval is bisected, only
@@ -406,7 +407,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
                                   .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
                                   .share = quick ? kQuickShare : 0.0};
         if (shape_b.cells && !hopeless) {
-            const CellBounds bounds = bound_cells(pair, *a_from_b, approach, query);
+            const CellBounds bounds = bound_cells(k, *a_from_b, approach, query);
             lower = bounds.lower;
             distance = bounds.upper;
             approach.distance = bounds.approach;
@@ -416,7 +417,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
             const DistanceBounds bounds = bound_distance(shape_a, shape_b, *a_from_b, query, memory.separation);
             lower = bounds.lower;
             distance = bounds.upper;
-            if (!hopeless && pair.convex && !(lower > enough) && distance > margin) {
+            if (!hopeless && world_.is_convex(pair) && !(lower > enough) && distance > margin) {
                 direction = a.root_from_body.rotation * memory.separation.direction;
                 if (tighten(pair, direction, approach)) growth_range = kGrowthRange;
             }

@@ -125,7 +125,7 @@ private:
     bool is_single_piece(const Interval& interval) const { return interval.end_piece - interval.first_piece == 1; }
     double* part(std::size_t depth) { return parts_.data() + depth * curve_.points * curve_.dof; }
     double goal(double margin) const;
-    double clear(const Pair& pair, const Summary& sum) const;
+    double clear(int pair, const Summary& sum) const;
     PairMemory& memory_of(int pair);
 
     Middle place_middle(const Interval& interval, const double* part);
@@ -138,7 +138,7 @@ private:
     FarNode bound_node(int body, int row, double level, bool single) const;
     bool is_clear(const FarNode& far, double clear, double margin, bool with_obstacle, const Summary& sum) const;
     bool tighten(const Pair& pair, const Vec3& direction, Approach& approach) const;
-    CellBounds bound_cells(const Pair& pair, const Transform& a_from_b, const Approach& rough,
+    CellBounds bound_cells(int pair, const Transform& a_from_b, const Approach& rough,
                            const DistanceQuery& query) const;
     bool is_clearly_apart(int pair, const Approach& rough, const Summary& sum) const;
     bool is_bisected(const Summary& sum) const;
@@ -153,8 +153,7 @@ private:
     ProofState state_;
     std::int64_t last_interval_ = 0;  // until which a contact is searched for after an undecided span
 
-    std::vector<Transform> joints_;
-    std::vector<PlacedBody> bodies_;
+    Placement bodies_;
     MotionBounds bounds_;
     std::vector<double> middle_, delta_;
     std::vector<Interval> stack_;

@@ -20,8 +20,8 @@ Departure::Departure(std::shared_ptr<const Geometry> space, int body, std::share
       hull_(std::move(hull)),
       normal_(normal),
       level_(level),
-      at_(space_->at_rest[static_cast<std::size_t>(body)]) {
-    for (int k = space_->bodies[static_cast<std::size_t>(body)].joint; k != kRoot; k = space_->tree.joints[k].parent)
+      at_(Placement(*space_)[body]) {
+    for (int k = space_->robot[static_cast<std::size_t>(body)].joint; k != kRoot; k = space_->tree.joints[k].parent)
         chain_.push_back(k);
     std::ranges::reverse(chain_);
     axes_.resize(chain_.size());
@@ -36,7 +36,7 @@ void Departure::place_at(const double* q) {
         const Joint& joint = space_->tree.joints[chain_[i]];
         axes_[i] = placed_joint(joint, i == 0 ? nullptr : &axes_[i - 1], q);
     }
-    const Body& body = space_->bodies[static_cast<std::size_t>(body_)];
+    const Body& body = space_->robot[static_cast<std::size_t>(body_)];
     at_ = placed(axes_.back() * body.joint_from_body, *body.shape);
 }
 

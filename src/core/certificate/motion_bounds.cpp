@@ -53,23 +53,23 @@ double radius_about(const Joint& joint, const Transform& axis, const PlacedBody&
 MotionBounds::MotionBounds(const World& world)
     : world_(world),
       swings_(world.space().tree.joints.size()),
-      radius_(world.space().robot_bodies * swings_.size()),
-      of_body_(world.space().robot_bodies),
-      remainder_of_(world.space().robot_bodies),
+      radius_(world.space().robot.size() * swings_.size()),
+      of_body_(world.space().robot.size()),
+      remainder_of_(world.space().robot.size()),
       per_radius_(swings_.size()),
       inner_(swings_.size() + 1),
-      needed_(world.space().robot_bodies) {
+      needed_(world.space().robot.size()) {
     const JointTree& tree = world.space().tree;
     for (std::size_t body = 0; body < needed_.size(); ++body)
-        for (int k = world.space().bodies[body].joint; k != kRoot; k = tree.joints[k].parent)
+        for (int k = world.space().robot[body].joint; k != kRoot; k = tree.joints[k].parent)
             needed_[body].push_back(k);
     const auto need = [&](int body, int k) {
         std::vector<int>& known = needed_[static_cast<std::size_t>(body)];
         if (std::ranges::find(known, k) == known.end()) known.push_back(k);
     };
-    for (const auto* listed : {&world.own, &world.still})
+    for (const auto* listed : {&world.own, &world.table->still})
         for (int number : *listed) {
-            const Pair& pair = world.pairs[static_cast<std::size_t>(number)];
+            const Pair& pair = world.pair(number);
             if (pair.with_obstacle) continue;
             for (int k : world.joints_between(pair)) {
                 need(pair.a, k);
@@ -78,11 +78,9 @@ MotionBounds::MotionBounds(const World& world)
         }
 }
 
-void MotionBounds::set(std::span<const Transform> joints, std::span<const PlacedBody> bodies, const double* delta,
-                       const double* extra) {
+void MotionBounds::set(const Placement& bodies, const double* delta, const double* extra) {
     const Geometry& space = world_.space();
-    axes_ = joints;
-    bodies_ = bodies;
+    bodies_ = &bodies;
     extra_ = extra;
     for (std::size_t k = 0; k < swings_.size(); ++k) {
         const Joint& joint = space.tree.joints[k];
@@ -90,10 +88,11 @@ void MotionBounds::set(std::span<const Transform> joints, std::span<const Placed
     }
     for (std::size_t body = 0; body < of_body_.size(); ++body) {
         const Shape& shape = space.shape(static_cast<int>(body));
+        const PlacedBody& at = bodies[static_cast<int>(body)];
         for (int k : needed_[body])
-            radius_[body * swings_.size() + k] = radius_about(space.tree.joints[k], joints[k], bodies[body], shape);
+            radius_[body * swings_.size() + k] = radius_about(space.tree.joints[k], bodies.joint(k), at, shape);
         Approach sum{0.0, 0.0, 0.0, 0};
-        for (int k = space.bodies[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
+        for (int k = space.robot[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
             const double rho = radius(static_cast<int>(body), k);
             sum.distance += rho * swings_[k].chord;
             sum.growth += rho * swings_[k].share;
@@ -129,7 +128,7 @@ Approach MotionBounds::rough_between(const Pair& pair) const {
 
 double MotionBounds::radius_of_any(int body, int k) const {
     if (static_cast<std::size_t>(body) < of_body_.size()) return radius(body, k);
-    return radius_about(world_.space().tree.joints[k], axes_[k], bodies_[body], world_.shape(body));
+    return radius_about(world_.space().tree.joints[k], bodies_->joint(k), (*bodies_)[body], world_.shape(body));
 }
 
 // The remainder that a joint adds to a tight bound, per metre of the radius of a body about it, and its growth. `inner`
@@ -153,13 +152,13 @@ void MotionBounds::set_piece(const double* control, int points, const double* mi
         for (int k = 0; k < static_cast<int>(swings_.size()); ++k) {
             const Joint& joint = tree.joints[k];
             const double angle = joint.multiplier * (control[r * tree.dof + joint.index] - middle[joint.index]);
-            const Vec3 w = angle * axes_[k].rotation.column(2);
+            const Vec3 w = angle * bodies_->joint(k).rotation.column(2);
             Displacement sum = displacement(r, joint.parent);
             if (joint.prismatic) {
                 sum.shift += w;
             } else {
                 sum.turn += w;
-                sum.shift -= cross(w, axes_[k].translation);
+                sum.shift -= cross(w, bodies_->joint(k).translation);
             }
             displacements_[r * (swings_.size() + 1) + k + 1] = sum;
         }
@@ -175,7 +174,7 @@ void MotionBounds::set_piece(const double* control, int points, const double* mi
     }
     for (std::size_t body = 0; body < remainder_of_.size(); ++body) {
         Simple sum{0.0, 0.0};
-        for (int k = world_.space().bodies[body].joint; k != kRoot; k = tree.joints[k].parent) {
+        for (int k = world_.space().robot[body].joint; k != kRoot; k = tree.joints[k].parent) {
             sum.distance += radius(static_cast<int>(body), k) * per_radius_[k].distance;
             sum.growth += radius(static_cast<int>(body), k) * per_radius_[k].growth;
         }
@@ -184,12 +183,12 @@ void MotionBounds::set_piece(const double* control, int points, const double* mi
 }
 
 MotionBounds::Simple MotionBounds::nearly_tight_to_obstacles(int body, const Vec3& u) const {
-    const Body& of = world_.space().bodies[body];
+    const Body& of = world_.space().robot[body];
     double most = 0.0;
     for (int r = 0; r < rows_; ++r) {
         const Displacement& moved = displacement(r, of.joint);
-        const double along = dot(u, moved.of(bodies_[body].centre));
-        most = std::max(most, (straight_ ? std::abs(along) : along) + extent(bodies_[body], *of.shape, cross(u, moved.turn)));
+        const double along = dot(u, moved.of((*bodies_)[body].centre));
+        most = std::max(most, (straight_ ? std::abs(along) : along) + extent((*bodies_)[body], *of.shape, cross(u, moved.turn)));
     }
     return {most + remainder_of_[body].distance, remainder_of_[body].growth};
 }
@@ -204,18 +203,18 @@ double MotionBounds::first_order(const Pair& pair, int split, const Vec3& u) con
         link = split < up ? path[split] : path[split - 1];
     else if (count > 0)
         link = space.tree.joints[up > 0 ? path[up - 1] : path[0]].parent;
-    const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
+    const PlacedBody &a = (*bodies_)[pair.a], &b = (*bodies_)[pair.b];
     double most = 0.0;
     for (int r = 0; r < rows_; ++r) {
         // A point x of a body moves towards the other by `along` + g . (x - centre).
         double along = 0.0, reach = 0.0;
         if (split > 0) {
-            const Displacement of_a = displacement(r, space.bodies[pair.a].joint) - displacement(r, link);
+            const Displacement of_a = displacement(r, space.robot[pair.a].joint) - displacement(r, link);
             along += dot(u, of_a.of(a.centre));
             reach += extent(a, space.shape(pair.a), cross(u, of_a.turn));
         }
         if (split < count) {
-            const Displacement of_b = displacement(r, space.bodies[pair.b].joint) - displacement(r, link);
+            const Displacement of_b = displacement(r, (pair.with_obstacle ? kRoot : space.robot[pair.b].joint)) - displacement(r, link);
             along -= dot(u, of_b.of(b.centre));
             reach += extent(b, space.shape(pair.b), cross(u, of_b.turn));
         }
@@ -236,7 +235,7 @@ MotionBounds::Simple MotionBounds::remainder(const Pair& pair, int split, const 
             const Joint& joint = space.tree.joints[k];
             const JointSwing& swing = swings_[k];
             const double rate = radius_of_any(body, k);
-            const double outward = u ? speed_along(joint, axes_[k], bodies_[body], space.shape(body), *u) : rate;
+            const double outward = u ? speed_along(joint, bodies_->joint(k), (*bodies_)[body], space.shape(body), *u) : rate;
             const Simple rest = remainder_per_radius(joint, swing, inner);
             sum.distance += rate * rest.distance + outward * swing.share * extra_[joint.index];
             sum.growth += rate * rest.growth + outward * swing.share;

@@ -82,10 +82,9 @@ class MotionBounds {
 public:
     explicit MotionBounds(const World& world);
 
-    // Choose the configuration and the box: `joints` and `bodies` are placed at its middle, and entry i of q stays
-    // within delta[i] + extra[i]. The spans must outlive the bounds.
-    void set(std::span<const Transform> joints, std::span<const PlacedBody> bodies, const double* delta,
-             const double* extra);
+    // Choose the configuration and the box: `bodies` are placed at its middle, and entry i of q stays within
+    // delta[i] + extra[i]. They must outlive the bounds.
+    void set(const Placement& bodies, const double* delta, const double* extra);
 
     // The simple bound.
     Approach rough(const Pair& pair) const {
@@ -129,8 +128,7 @@ private:
     const Displacement& displacement(int row, int joint) const { return displacements_[row * (swings_.size() + 1) + joint + 1]; }
 
     const World& world_;
-    std::span<const Transform> axes_;
-    std::span<const PlacedBody> bodies_;
+    const Placement* bodies_ = nullptr;
     const double* extra_ = nullptr;
     std::vector<JointSwing> swings_;
     std::vector<double> radius_;     // (robot bodies, joints) radius_about; only joints that carry the body or, for a

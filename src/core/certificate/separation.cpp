@@ -175,26 +175,26 @@ std::shared_ptr<const Shape> hull_of(const std::shared_ptr<const Shape>& shape) 
 }
 
 Separator::Separator(const World& world, const CurveView& curve, const SeparationSettings& settings)
-    : world_(world), curve_(curve), settings_(settings), bodies_(world.space().at_rest) {
-    std::vector<Transform> joints(world.space().tree.joints.size());
-    place(world.space(), curve.piece(0), joints, bodies_);
+    : world_(world), curve_(curve), settings_(settings), bodies_(world.space()) {
+    bodies_.set(curve.piece(0));
 }
 
-PairSeparation Separator::separate(const Pair& pair, std::span<const Vec3> more) {
+PairSeparation Separator::separate(int k, std::span<const Vec3> more) {
+    const Pair& pair = world_.pair(k);
     const PlacedBody &body = bodies_[pair.a], &other = bodies_[pair.b];
     const Shape &shape = world_.shape(pair.a), &obstacle = world_.shape(pair.b);
     PairSeparation found;
-    const double enough = required(pair) + settings_.near;
+    const double enough = required(k) + settings_.near;
     std::optional<Transform> body_from_other;
     found.far = separation_of_bounds(body, shape, other, obstacle, enough, body_from_other) > enough;
     if (found.far) return found;
     Separation nearest;
-    nearest.direction = pair.first_direction;
+    nearest.direction = world_.first_direction(pair);
     const double distance = bound_distance(shape, obstacle, *body_from_other, {}, nearest).lower;
     found.far = distance > enough;
     if (found.far) return found;
     auto& hull = hulls_[pair.a];
-    if (hull == nullptr) hull = hull_of(world_.space().bodies[pair.a].shape);
+    if (hull == nullptr) hull = hull_of(world_.space().robot[pair.a].shape);
     const ClosePair close{body, other, hull, obstacle};
     std::vector<Vec3> tried = close.directions();
     found.overlaps = !(distance > 0.0);
@@ -202,21 +202,21 @@ PairSeparation Separator::separate(const Pair& pair, std::span<const Vec3> more)
         if (!found.overlaps) append_units(tried, std::array{-(body.root_from_body.rotation * nearest.direction)});
         if (obstacle.kind == ShapeKind::kConvex) append_units(tried, more);
     }
-    if (obstacle.kind == ShapeKind::kMesh) leave_facets(pair, close, std::move(tried), more, found);
-    else leave_convex(pair, close, tried, found);
+    if (obstacle.kind == ShapeKind::kMesh) leave_facets(k, close, std::move(tried), more, found);
+    else leave_convex(k, close, tried, found);
     return found;
 }
 
-SeparatingGroup Separator::follow(const Pair& pair, const ClosePair& close, const Vec3& normal, double level,
+SeparatingGroup Separator::follow(int pair, const ClosePair& close, const Vec3& normal, double level,
                                   double gap) {
-    Departure departure(world_.geometry, pair.a, close.hull, normal, level);
+    Departure departure(world_.geometry, world_.pair(pair).a, close.hull, normal, level);
     SeparatingGroup group{normal, level, gap, 0.0, {}, {}};
     group.proof = departure.follow(curve_, required(pair), settings_.tolerance, settings_.max_intervals);
     group.slack = group.proof.gap - required(pair);
     return group;
 }
 
-void Separator::leave_convex(const Pair& pair, const ClosePair& close, std::span<const Vec3> tried,
+void Separator::leave_convex(int pair, const ClosePair& close, std::span<const Vec3> tried,
                              PairSeparation& found) {
     std::vector<double> levels, gaps;
     for (const Vec3& d : tried) {
@@ -243,7 +243,7 @@ void Separator::leave_convex(const Pair& pair, const ClosePair& close, std::span
     }
 }
 
-void Separator::leave_facets(const Pair& pair, const ClosePair& close, std::vector<Vec3> tried,
+void Separator::leave_facets(int pair, const ClosePair& close, std::vector<Vec3> tried,
                              std::span<const Vec3> more, PairSeparation& found) {
     const double rounding = world_.space().rounding, least = settings_.displaced - settings_.deepest;
     const std::vector<int> near = close.near_facets(tried, required(pair) + settings_.near);
@@ -263,7 +263,7 @@ void Separator::leave_facets(const Pair& pair, const ClosePair& close, std::vect
         }
     }
     found.gap = std::ranges::min(best);
-    if (world_.shape(pair.a).kind == ShapeKind::kConvex) {
+    if (world_.shape(world_.pair(pair).a).kind == ShapeKind::kConvex) {
         std::vector<std::size_t> unclear;
         for (std::size_t f = 0; f < count; ++f)
             if (best[f] < -rounding) unclear.push_back(f);

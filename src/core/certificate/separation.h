@@ -81,21 +81,21 @@ public:
 
     // `more` are further directions to try; those without the length 1 are left out, because along them gaps are no
     // distances.
-    PairSeparation separate(const Pair& pair, std::span<const Vec3> more);
+    PairSeparation separate(int pair, std::span<const Vec3> more);
 
 private:
-    SeparatingGroup follow(const Pair& pair, const ClosePair& close, const Vec3& normal, double level, double gap);
-    void leave_convex(const Pair& pair, const ClosePair& close, std::span<const Vec3> tried, PairSeparation& found);
-    void leave_facets(const Pair& pair, const ClosePair& close, std::vector<Vec3> tried, std::span<const Vec3> more,
+    SeparatingGroup follow(int pair, const ClosePair& close, const Vec3& normal, double level, double gap);
+    void leave_convex(int pair, const ClosePair& close, std::span<const Vec3> tried, PairSeparation& found);
+    void leave_facets(int pair, const ClosePair& close, std::vector<Vec3> tried, std::span<const Vec3> more,
                       PairSeparation& found);
-    double required(const Pair& pair) const {
-        return pair.margin + settings_.displaced + 2.0 * world_.space().rounding;
+    double required(int pair) const {
+        return world_.margin(pair) + settings_.displaced + 2.0 * world_.space().rounding;
     }
 
     const World& world_;
     CurveView curve_;
     SeparationSettings settings_;
-    std::vector<PlacedBody> bodies_;  // at the start
+    Placement bodies_;  // at the start
     std::unordered_map<int, std::shared_ptr<const Shape>> hulls_;
 };
 

@@ -22,21 +22,17 @@ double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const Pla
     return std::max(gap, gap_of_faces(a_from_b->rotation, offset, shape_a.half, shape_b.half));
 }
 
-Workspace::Workspace(std::shared_ptr<const World> world)
-    : world_(std::move(world)), joints_(world_->space().tree.joints.size()), bodies_(world_->space().at_rest) {
-    contacts_.reserve(world_->pairs.size());
+Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(world)), bodies_(world_->space()) {
     likely_.fill(-1);
-    for (const Body& body : world_->space().bodies) balls_.push_back(body.shape->ball);
-    std::vector<const ObstacleNode*> leaves;
-    for (const ObstacleNode& node : world_->space().obstacles)
-        if (node.body >= 0) leaves.push_back(&node);
-    if (leaves.size() > kMostInRow) return;
-    for (std::size_t i = 0; i < leaves.size(); ++i) {
-        const int lane = static_cast<int>(i % kLanes);
-        if (lane == 0) four_.emplace_back().bodies.fill(-1);
-        four_.back().low.set(lane, leaves[i]->low);
-        four_.back().high.set(lane, leaves[i]->high);
-        four_.back().bodies[lane] = leaves[i]->body;
+    const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
+    if (nodes.size() > 2 * kMostInRow) return;  // leaves are half of the nodes
+    for (std::size_t row = 0, i = 0; row < nodes.size(); ++row) {
+        if (nodes[row].obstacle < 0) continue;
+        const int lane = static_cast<int>(i++ % kLanes);
+        if (lane == 0) four_.emplace_back().obstacles.fill(-1);
+        four_.back().low.set(lane, nodes[row].low);
+        four_.back().high.set(lane, nodes[row].high);
+        four_.back().obstacles[lane] = nodes[row].obstacle;
     }
 }
 
@@ -45,7 +41,7 @@ Workspace::Workspace(std::shared_ptr<const World> world)
 template <class Visit>
 bool Workspace::visit_obstacles(int body, Visit visit) const {
     const Vec3 centre = bodies_[body].centre;
-    const double ball = balls_[body];
+    const double ball = world_->shape(body).ball;
     for (const FourBoxes& boxes : four_) {
         Lanes total = {};
         const auto add = [&](double x, Lanes low, Lanes high) {
@@ -56,17 +52,17 @@ bool Workspace::visit_obstacles(int body, Visit visit) const {
         add(centre.y, boxes.low.y, boxes.high.y);
         add(centre.z, boxes.low.z, boxes.high.z);
         const Lanes gap = lanes_sqrt(total) - ball;
-        for (int lane = 0; lane < kLanes && boxes.bodies[lane] >= 0; ++lane)
-            if (!visit(gap[lane], -1) && visit(gap[lane], boxes.bodies[lane])) return true;
+        for (int lane = 0; lane < kLanes && boxes.obstacles[lane] >= 0; ++lane)
+            if (!visit(gap[lane], -1) && visit(gap[lane], boxes.obstacles[lane])) return true;
     }
     if (!four_.empty()) return false;
-    const std::vector<ObstacleNode>& nodes = world_->space().obstacles;
-    for (int row = 0; row < static_cast<int>(nodes.size());) {
+    const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
+    for (std::size_t row = 0; row < nodes.size();) {
         const ObstacleNode& node = nodes[row];
         const double gap = ball_to_node(centre, ball, node);
         const bool beyond = visit(gap, -1);
-        row = beyond ? node.skip : row + 1;
-        if (!beyond && node.body >= 0 && visit(gap, node.body)) return true;
+        row = beyond ? static_cast<std::size_t>(node.skip) : row + 1;
+        if (!beyond && node.obstacle >= 0 && visit(gap, node.obstacle)) return true;
     }
     return false;
 }
@@ -78,9 +74,9 @@ namespace {
 
 struct AnyContact {
     static constexpr bool kStopsAtContact = true;
-    static double limit(const Pair& pair, double rounding) { return pair.margin + rounding; }
+    static double limit(const World& world, int k) { return world.margin(k) + world.space().rounding; }
     static double limit_around(const World& world) { return world.widest_margin + world.space().rounding; }
-    static double below(const Pair& pair) { return pair.margin; }
+    static double below(const World& world, int k) { return world.margin(k); }
     static bool contact(int, const DistanceBounds&) { return true; }
 };
 
@@ -92,9 +88,9 @@ struct SmallestDistance {
     static constexpr bool kStopsAtContact = false;
     Nearest nearest;
 
-    double limit(const Pair&, double) const { return nearest.upper; }
+    double limit(const World&, int) const { return nearest.upper; }
     double limit_around(const World&) const { return nearest.upper; }
-    static double below(const Pair&) { return -1.0; }
+    static double below(const World&, int) { return -1.0; }
     bool contact(int pair, const DistanceBounds& bounds) {
         if (bounds.upper < nearest.upper) {
             nearest.upper = bounds.upper;
@@ -111,18 +107,18 @@ struct SmallestDistance {
 // Judge a pair that balls and boxes did not decide; whether the question is answered.
 template <class Question>
 bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& question) {
-    const Pair& pair = world_->pairs[k];
+    const Pair& pair = world_->pair(k);
     if (!a_from_b) a_from_b = relative(bodies_[pair.a].root_from_body, bodies_[pair.b].root_from_body);
     Separation separation;
-    separation.direction = pair.first_direction;
+    separation.direction = world_->first_direction(pair);
     // The search begins between the boxes, because the frames of bodies may be far from them. Where distances are
     // returned, it begins as those of certificates do.
     if (Question::kStopsAtContact && !(squared_norm(separation.direction) > 0.0))
         separation.direction = transposed_times(bodies_[pair.a].root_from_body.rotation,
                                                 bodies_[pair.b].centre - bodies_[pair.a].centre);
-    const double limit = question.limit(pair, world_->space().rounding);
+    const double limit = question.limit(*world_, k);
     const DistanceBounds bounds = bound_distance(world_->shape(pair.a), world_->shape(pair.b), *a_from_b,
-                                                 {.above = limit, .below = question.below(pair)}, separation);
+                                                 {.above = limit, .below = question.below(*world_, k)}, separation);
     if (bounds.lower > limit || !question.contact(k, bounds)) return false;
     contacts_.push_back(k);
     return Question::kStopsAtContact;
@@ -136,29 +132,32 @@ bool Workspace::ask(Question& question) {
     std::optional<Transform> a_from_b;
     const auto decided = [&](int a, int b, double limit) {
         // Most pairs are decided by their balls, without a root.
-        const double reach = balls_[a] + balls_[b] + limit;
-        if (squared_norm(bodies_[b].centre - bodies_[a].centre) > reach * reach) return true;
+        const Shape &shape_a = space.shape(a), &shape_b = space.shape(b);
+        const PlacedBody &at_a = bodies_[a], &at_b = bodies_[b];
+        const double reach = shape_a.ball + shape_b.ball + limit;
+        if (squared_norm(at_b.centre - at_a.centre) > reach * reach) return true;
         a_from_b.reset();
-        return separation_of_bounds(bodies_[a], space.shape(a), bodies_[b], space.shape(b), limit, a_from_b) > limit;
+        return separation_of_bounds(at_a, shape_a, at_b, shape_b, limit, a_from_b) > limit;
     };
     if constexpr (Question::kStopsAtContact) {
         for (std::size_t i = 0; i < kLikely; ++i) {
             const int k = likely_[i];
             if (k < 0) continue;
-            const Pair& pair = world.pairs[k];
-            if (!decided(pair.a, pair.b, question.limit(pair, space.rounding)) && judge(k, a_from_b, question)) {
+            const Pair& pair = world.pair(k);
+            if (!decided(pair.a, pair.b, question.limit(world, k)) && judge(k, a_from_b, question)) {
                 if (i > 0) std::swap(likely_[i], likely_[i - 1]);  // Pairs often in contact move to the front.
                 return true;
             }
         }
     }
     if (world.uses_obstacles) {
-        for (int body : world.around) {
+        const int robot = static_cast<int>(space.robot.size());
+        for (int body : world.table->around) {
             const bool answered = visit_obstacles(body, [&](double gap, int obstacle) {
                 const double limit = question.limit_around(world);
                 if (obstacle < 0) return gap > limit;
                 const int k = world.pair_with_obstacle(body, obstacle);
-                if (k < 0 || decided(body, obstacle, limit) || !judge(k, a_from_b, question)) return false;
+                if (k < 0 || decided(body, robot + obstacle, limit) || !judge(k, a_from_b, question)) return false;
                 likely_[kLikely - 1] = k;
                 return true;
             });
@@ -166,8 +165,8 @@ bool Workspace::ask(Question& question) {
         }
     }
     for (int k : world.own) {
-        const Pair& pair = world.pairs[k];
-        if (decided(pair.a, pair.b, question.limit(pair, space.rounding))) continue;
+        const Pair& pair = world.pair(k);
+        if (decided(pair.a, pair.b, question.limit(world, k))) continue;
         if (judge(k, a_from_b, question)) {
             likely_[kLikely - 1] = k;
             return true;
@@ -193,11 +192,11 @@ Nearest Workspace::find_nearest() {
 }
 
 Measured Workspace::measure(int k) const {
-    const Pair& pair = world_->pairs[k];
+    const Pair& pair = world_->pair(k);
     const Shape &a = world_->shape(pair.a), &b = world_->shape(pair.b);
     const Transform& root_from_a = bodies_[pair.a].root_from_body;
     Separation separation;
-    separation.direction = pair.first_direction;
+    separation.direction = world_->first_direction(pair);
     Measured measured;
     measured.bounds = bound_distance(a, b, relative(root_from_a, bodies_[pair.b].root_from_body), {}, separation);
     const Witnesses local = witnesses(a, b, separation);
@@ -207,7 +206,7 @@ Measured Workspace::measure(int k) const {
 }
 
 std::vector<int> Workspace::overlapping_boxes(int k) const {
-    const Pair& pair = world_->pairs[k];
+    const Pair& pair = world_->pair(k);
     const Shape &a = world_->shape(pair.a), &b = world_->shape(pair.b);
     std::vector<int> found;
     if (!b.cells) return found;

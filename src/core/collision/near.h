@@ -54,7 +54,7 @@ public:
     explicit Workspace(std::shared_ptr<const World> world);
 
     // Place the bodies at q; false if q is not finite.
-    bool place_at(const double* q) { return place(world_->space(), q, joints_, bodies_); }
+    bool place_at(const double* q) { return bodies_.set(q); }
 
     // The questions about the placed bodies. A pair is in contact unless it is proven farther apart than its margin.
 
@@ -72,8 +72,7 @@ public:
 
     const std::vector<int>& contacts() const { return contacts_; }
     const World& world() const { return *world_; }
-    const std::vector<Transform>& joints() const { return joints_; }
-    const std::vector<PlacedBody>& bodies() const { return bodies_; }
+    const Placement& bodies() const { return bodies_; }
 
 private:
     template <class Question>
@@ -89,17 +88,15 @@ private:
     // tree, whose branches it cannot predict, so that few obstacles are compared one after the other.
     struct FourBoxes {
         LaneVec3 low, high;
-        std::array<int, kLanes> bodies;
+        std::array<int, kLanes> obstacles;
     };
     static constexpr std::size_t kMostInRow = 32;
     template <class Visit>
     bool visit_obstacles(int body, Visit visit) const;
 
     std::shared_ptr<const World> world_;
-    std::vector<double> balls_;    // of the bodies
     std::vector<FourBoxes> four_;  // in the order of the tree; empty for more than kMostInRow obstacles
-    std::vector<Transform> joints_;
-    std::vector<PlacedBody> bodies_;
+    Placement bodies_;
     std::vector<int> contacts_;
     std::array<int, kLikely> likely_;
 };

@@ -4,9 +4,6 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#include <string>
-
-#include "collision/near.h"
 
 namespace pinproof {
 namespace {
@@ -55,6 +52,14 @@ struct Axes {
     }
 };
 
+// Set the box of a node to that around its children.
+void enclose(ObstacleNode& node, const ObstacleNode& a, const ObstacleNode& b) {
+    for (int i = 0; i < 3; ++i) {
+        node.low[i] = std::min(a.low[i], b.low[i]);
+        node.high[i] = std::max(a.high[i], b.high[i]);
+    }
+}
+
 // Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
 void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, const std::vector<Bounds>& bounds,
                Axes axes = {}) {
@@ -78,13 +83,12 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, cons
     add_nodes(nodes, members.first(half), bounds, axes);
     const std::size_t second = nodes.size();
     add_nodes(nodes, members.subspan(half), bounds, axes);
-    ObstacleNode& node = nodes[here];
-    node = {nodes[here + 1].low, nodes[here + 1].high, static_cast<int>(nodes.size()), -1};
-    for (int i = 0; i < 3; ++i) {
-        node.low[i] = std::min(node.low[i], nodes[second].low[i]);
-        node.high[i] = std::max(node.high[i], nodes[second].high[i]);
-    }
+    nodes[here].skip = static_cast<int>(nodes.size());
+    nodes[here].obstacle = -1;
+    enclose(nodes[here], nodes[here + 1], nodes[second]);
 }
+
+Obstacle obstacle_of(const Body& body) { return {body.shape, placed(body.joint_from_body, *body.shape)}; }
 
 // The joints between the bodies on joints a and b, from a to b; how many of them carry a.
 std::uint32_t append_between(const JointTree& tree, int a, int b, std::vector<int>& path) {
@@ -100,75 +104,90 @@ std::uint32_t append_between(const JointTree& tree, int a, int b, std::vector<in
     return up;
 }
 
-// Whether joint k has an influence: a mimic joint with multiplier 0 has none.
-bool has_influence(const JointTree& tree, int k) { return tree.joints[k].multiplier != 0.0; }
+// Whether a joint has an influence: a mimic joint with multiplier 0 has none.
+bool has_influence(const Joint& joint) { return joint.multiplier != 0.0; }
+
+bool is_convex(const Shape& shape) { return shape.kind == ShapeKind::kConvex || shape.kind == ShapeKind::kHalfSpace; }
 
 }  // namespace
 
-Obstacles::Obstacles(std::vector<Body> bodies_) : bodies(std::move(bodies_)) {
+Obstacles::Obstacles(std::span<const Body> others) {
+    std::vector<Obstacle> resting;
     std::vector<Bounds> bounds;
-    at_rest.reserve(bodies.size());
-    bounds.reserve(bodies.size());
-    for (const Body& body : bodies) {
-        at_rest.push_back(placed(body.joint_from_body, *body.shape));
-        bounds.push_back(bounds_of(at_rest.back(), body.shape->half));
-    }
     std::vector<Member> members;
-    for (std::size_t i = 0; i < bounds.size(); ++i) members.push_back({bounds[i].centre, static_cast<int>(i)});
-    nodes.reserve(2 * bounds.size());
-    if (!members.empty()) add_nodes(nodes, members, bounds);
+    resting.reserve(others.size());
+    bounds.reserve(others.size());
+    members.reserve(others.size());
+    for (const Body& body : others) {
+        resting.push_back(obstacle_of(body));
+        bounds.push_back(bounds_of(resting.back().placed, body.shape->half));
+        members.push_back({bounds.back().centre, static_cast<int>(members.size())});
+    }
+    std::vector<ObstacleNode> tree;
+    tree.reserve(2 * bounds.size());
+    if (!members.empty()) add_nodes(tree, members, bounds);
+    std::vector<int> leaf_of(others.size());
+    for (std::size_t row = 0; row < tree.size(); ++row)
+        if (tree[row].obstacle >= 0) leaf_of[static_cast<std::size_t>(tree[row].obstacle)] = static_cast<int>(row);
+    bodies = Pages(resting);
+    nodes = Pages(tree);
+    leaves = std::make_shared<const std::vector<int>>(std::move(leaf_of));
 }
 
-Geometry::Geometry(JointTree tree_, std::vector<Body> robot, const Obstacles& others, double rounding_)
-    : tree(std::move(tree_)),
-      bodies(std::move(robot)),
-      robot_bodies(bodies.size()),
-      at_rest(bodies.size()),
-      obstacles(others.nodes),
-      rounding(rounding_) {
-    for (std::size_t i = 0; i < bodies.size(); ++i)
-        if (bodies[i].joint == kRoot) at_rest[i] = placed(bodies[i].joint_from_body, *bodies[i].shape);
-    bodies.insert(bodies.end(), others.bodies.begin(), others.bodies.end());
-    at_rest.insert(at_rest.end(), others.at_rest.begin(), others.at_rest.end());
-    for (ObstacleNode& node : obstacles)
-        if (node.body >= 0) node.body += static_cast<int>(robot_bodies);
+Obstacles Obstacles::replaced(std::span<const std::int64_t> numbers, std::span<const Body> others) const {
+    Obstacles made = *this;
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+        const auto number = static_cast<std::size_t>(numbers[i]);
+        const Obstacle obstacle = obstacle_of(others[i]);
+        made.bodies.replace(number, obstacle);
+        // The boxes around it, from the smallest to the largest.
+        const int leaf = (*leaves)[number];
+        std::vector<int> path;
+        const auto second_child = [&](int row) { return made.nodes[static_cast<std::size_t>(row) + 1].skip; };
+        for (int row = 0; row != leaf; row = leaf < second_child(row) ? row + 1 : second_child(row)) path.push_back(row);
+        const Bounds bounds = bounds_of(obstacle.placed, obstacle.shape->half);
+        made.nodes.replace(leaf, {bounds.low, bounds.high, leaf + 1, static_cast<int>(number)});
+        for (; !path.empty(); path.pop_back()) {
+            ObstacleNode node = made.nodes[path.back()];
+            enclose(node, made.nodes[path.back() + 1], made.nodes[second_child(path.back())]);
+            made.nodes.replace(path.back(), node);
+        }
+    }
+    return made;
 }
 
-World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int64_t> bodies,
-             std::span<const double> margins)
-    : geometry(std::move(geometry_)) {
-    const Geometry& space = *geometry;
-    const std::size_t obstacles = space.bodies.size() - space.robot_bodies;
-    std::vector<int> with_obstacles(space.robot_bodies * obstacles, -1);
-    std::vector<Pair> made(margins.size());
+PairTable::PairTable(const Geometry& space, std::span<const std::int64_t> bodies)
+    : pairs(bodies.size() / 2),
+      obstacle_pairs(space.robot.size() * space.obstacles->bodies.size(), -1),
+      is_first(space.robot.size()) {
+    for (const Body& body : space.robot) joints_.push_back(body.joint);
+    for (const Joint& joint : space.tree.joints) {
+        parents_.push_back(joint.parent);
+        influence_.push_back(has_influence(joint));
+    }
     // All pairs of a body with obstacles have the same joints between them: for each body, the first such pair.
-    std::vector<int> first_pair(space.robot_bodies, -1);
-    std::vector<int> adjacent;
-    for (std::size_t k = 0; k < margins.size(); ++k) {
+    const std::size_t robot = space.robot.size(), obstacles = space.obstacles->bodies.size();
+    std::vector<int> first_pair(robot, -1);
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
         const int index = static_cast<int>(k);
-        Pair& pair = made[k];
+        Pair& pair = pairs[k];
         pair.a = static_cast<int>(bodies[2 * k]);
         pair.b = static_cast<int>(bodies[2 * k + 1]);
-        pair.margin = margins[k];
-        pair.with_obstacle = static_cast<std::size_t>(pair.b) >= space.robot_bodies;
-        const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
-        const auto is_convex = [](const Body& body) {
-            return body.shape->kind == ShapeKind::kConvex || body.shape->kind == ShapeKind::kHalfSpace;
-        };
-        pair.convex = is_convex(a) && is_convex(b);
-        if (pair.with_obstacle) widest_margin = std::max(widest_margin, pair.margin);
+        pair.with_obstacle = static_cast<std::size_t>(pair.b) >= robot;
+        pair.adjacent = -1;
+        is_first[pair.a] = true;
         std::ptrdiff_t influences = 0;
         if (pair.with_obstacle && first_pair[pair.a] >= 0) {
-            const Pair& first = made[first_pair[pair.a]];
+            const Pair& first = pairs[first_pair[pair.a]];
             pair.first = first.first;
             pair.joints = first.joints;
             pair.up = first.up;
             pair.moving = first.moving;
         } else {
             pair.first = static_cast<std::uint32_t>(between.size());
-            pair.up = append_between(space.tree, a.joint, b.joint, between);
+            pair.up = append_between(space.tree, joints_[pair.a], pair.with_obstacle ? kRoot : joints_[pair.b], between);
             pair.joints = static_cast<std::uint32_t>(between.size()) - pair.first;
-            influences = std::ranges::count_if(joints_between(pair), [&](int j) { return has_influence(space.tree, j); });
+            influences = std::count_if(between.begin() + pair.first, between.end(), [&](int j) { return influence_[j]; });
             pair.moving = influences > 0;
             if (pair.with_obstacle) {
                 first_pair[pair.a] = index;
@@ -178,67 +197,95 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         if (!pair.moving) {
             still.push_back(index);
         } else if (pair.with_obstacle) {
-            with_obstacles[pair.a * obstacles + pair.b - space.robot_bodies] = index;
+            obstacle_pairs[pair.a * obstacles + pair.b - robot] = index;
         } else {
             own.push_back(index);
-            if (influences == 1 && pair.convex) adjacent.push_back(index);
+            if (influences != 1) continue;
+            pair.adjacent = static_cast<int>(adjacent.size());
+            adjacent.push_back(index);
         }
     }
     std::ranges::sort(around, std::greater<>());
-    if (!adjacent.empty()) {
-        std::vector<Transform> joints(space.tree.joints.size());
-        std::vector<PlacedBody> at = space.at_rest;
-        const std::vector<double> zeros(space.tree.dof, 0.0);
-        place(space, zeros.data(), joints, at);
-        for (int k : adjacent) {
-            Pair& pair = made[k];
-            Separation separation;
-            bound_distance(shape(pair.a), shape(pair.b), relative(at[pair.a].root_from_body, at[pair.b].root_from_body),
-                           {}, separation);
-            pair.first_direction = separation.direction;
-        }
-    }
-    pairs = Shared(std::move(made));
-    obstacle_pairs = Shared(std::move(with_obstacles));
 }
 
-World World::with_margins(std::span<const double> margins) const {
-    World other = *this;
-    std::vector<Pair> made = pairs.copy();
-    other.widest_margin = 0.0;
-    for (std::size_t k = 0; k < made.size(); ++k) {
-        made[k].margin = margins[k];
-        if (made[k].with_obstacle) other.widest_margin = std::max(other.widest_margin, margins[k]);
+bool PairTable::fits(const Geometry& space) const {
+    const auto& joints = space.tree.joints;
+    return std::ranges::equal(joints_, space.robot, {}, {}, &Body::joint) &&
+           obstacle_pairs.size() == space.robot.size() * space.obstacles->bodies.size() &&
+           std::ranges::equal(parents_, joints, {}, {}, &Joint::parent) &&
+           std::ranges::equal(influence_, joints, {}, {}, has_influence);
+}
+
+World::World(std::shared_ptr<const Geometry> geometry_, std::shared_ptr<const PairTable> table_,
+             std::vector<double> numbers)
+    : geometry(std::move(geometry_)), table(std::move(table_)), own(table->own) {
+    set_margins(std::move(numbers));
+    if (table->adjacent.empty()) return;
+    Placement at(*geometry);
+    at.set(std::vector<double>(geometry->tree.dof, 0.0).data());
+    for (int k : table->adjacent) {
+        const Pair& of = pair(k);
+        Separation separation;
+        if (is_convex(of))
+            bound_distance(shape(of.a), shape(of.b), relative(at[of.a].root_from_body, at[of.b].root_from_body), {},
+                           separation);
+        first_directions_.push_back(separation.direction);
     }
-    other.pairs = Shared(std::move(made));
+}
+
+bool World::is_convex(const Pair& pair) const {
+    return pinproof::is_convex(shape(pair.a)) && pinproof::is_convex(shape(pair.b));
+}
+
+void World::set_margins(std::vector<double> numbers) {
+    widest_margin = 0.0;
+    for (std::size_t k = 0; k < numbers.size(); ++k)
+        if (table->pairs[k].with_obstacle) widest_margin = std::max(widest_margin, numbers[k]);
+    margins = std::make_shared<const std::vector<double>>(std::move(numbers));
+}
+
+World World::with_margins(std::vector<double> numbers) const {
+    World other = *this;
+    other.set_margins(std::move(numbers));
+    return other;
+}
+
+World World::with_obstacles(std::shared_ptr<const Geometry> space) const {
+    World other = *this;
+    other.geometry = std::move(space);
     return other;
 }
 
 World World::of_still_pairs() const {
     World other = *this;
-    other.own = still;
+    other.own = table->still;
     other.uses_obstacles = false;
     return other;
 }
 
-bool place(const Geometry& geometry, const double* q, std::span<Transform> joints, std::span<PlacedBody> bodies) {
+Placement::Placement(const Geometry& geometry)
+    : geometry_(&geometry), joints_(geometry.tree.joints.size()), robot_(geometry.robot.size()) {
+    for (std::size_t i = 0; i < robot_.size(); ++i) {
+        const Body& body = geometry.robot[i];
+        if (body.joint == kRoot) robot_[i] = placed(body.joint_from_body, *body.shape);
+    }
+}
+
+bool Placement::set(const double* q) {
     double sum = 0.0;
-    for (std::size_t j = 0; j < geometry.tree.dof; ++j) sum += 0.0 * q[j];
-    if (!(sum == 0.0)) {
+    for (std::size_t j = 0; j < geometry_->tree.dof; ++j) sum += 0.0 * q[j];
+    const bool is_finite = sum == 0.0;
+    if (is_finite) {
+        place_joints(geometry_->tree, q, joints_);
+    } else {
         constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-        const Vec3 nowhere{nan, nan, nan};
-        const Transform unknown{{{{nan, nan, nan}, {nan, nan, nan}, {nan, nan, nan}}}, nowhere};
-        std::ranges::fill(joints, unknown);
-        for (std::size_t i = 0; i < geometry.robot_bodies; ++i)
-            if (geometry.bodies[i].joint != kRoot) bodies[i] = {unknown, nowhere};
-        return false;
+        std::ranges::fill(joints_, Transform{{{{nan, nan, nan}, {nan, nan, nan}, {nan, nan, nan}}}, {nan, nan, nan}});
     }
-    place_joints(geometry.tree, q, joints);
-    for (std::size_t i = 0; i < geometry.robot_bodies; ++i) {
-        const Body& body = geometry.bodies[i];
-        if (body.joint != kRoot) bodies[i] = placed(joints[body.joint] * body.joint_from_body, *body.shape);
+    for (std::size_t i = 0; i < robot_.size(); ++i) {
+        const Body& body = geometry_->robot[i];
+        if (body.joint != kRoot) robot_[i] = placed(joints_[body.joint] * body.joint_from_body, *body.shape);
     }
-    return true;
+    return is_finite;
 }
 
 }  // namespace pinproof

@@ -1,10 +1,11 @@
 // What a collision checker checks: the joints of a robot, the bodies on them, the obstacles, and the pairs of bodies.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -32,104 +33,170 @@ inline PlacedBody placed(const Transform& root_from_body, const Shape& shape) {
     return {root_from_body, root_from_body * shape.centre};
 }
 
+// A list in pages. Copies share them, so that few are copied if few items are replaced.
+template <class T>
+class Pages {
+public:
+    Pages() = default;
+    explicit Pages(const std::vector<T>& items) : size_(items.size()) {
+        for (std::size_t first = 0; first < size_; first += kPage) {
+            pages_.push_back(std::make_shared<Page>());
+            std::copy_n(items.begin() + first, std::min(kPage, size_ - first), pages_.back()->begin());
+        }
+    }
+    const T& operator[](std::size_t i) const { return (*pages_[i / kPage])[i % kPage]; }
+    std::size_t size() const { return size_; }
+    void replace(std::size_t i, const T& item) {
+        std::shared_ptr<Page>& page = pages_[i / kPage];
+        if (page.use_count() > 1) page = std::make_shared<Page>(*page);
+        (*page)[i % kPage] = item;
+    }
+
+private:
+    static constexpr std::size_t kPage = 64;
+    using Page = std::array<T, kPage>;
+    std::vector<std::shared_ptr<Page>> pages_;
+    std::size_t size_ = 0;
+};
+
+// A body that rests on the root.
+struct Obstacle {
+    std::shared_ptr<const Shape> shape;
+    PlacedBody placed;
+};
+
 // A box in the root frame around the boxes of some obstacles. The nodes within it follow it.
 struct ObstacleNode {
     Vec3 low, high;
-    int skip;  // the node after all nodes within this one
-    int body;  // the obstacle, if it is a single one; otherwise -1
+    int skip;      // the node after all nodes within this one
+    int obstacle;  // its number, if it is a single one; otherwise -1
 };
 
-// The bodies of obstacles with a tree of boxes around them, which checkers of different robots, tools or parts share.
+// Obstacles with a tree of boxes around them, which checkers of different robots, tools or parts share.
 struct Obstacles {
-    std::vector<Body> bodies;
-    std::vector<PlacedBody> at_rest;
-    std::vector<ObstacleNode> nodes;
+    Pages<Obstacle> bodies;
+    Pages<ObstacleNode> nodes;
+    std::shared_ptr<const std::vector<int>> leaves;  // the node of each obstacle
 
-    explicit Obstacles(std::vector<Body> bodies);
+    explicit Obstacles(std::span<const Body> bodies);
+
+    // The same tree with other bodies in place of those with these numbers.
+    Obstacles replaced(std::span<const std::int64_t> numbers, std::span<const Body> others) const;
 };
 
-// The bodies and joints, which checkers with different pairs or margins share.
+// The bodies and joints, which checkers with different pairs or margins share. Bodies are numbered: first those of the
+// robot (links, then attached objects), then the obstacles.
 struct Geometry {
     JointTree tree;
-    std::vector<Body> bodies;  // first those of the robot (links, then attached objects), then the obstacles
-    std::size_t robot_bodies = 0;
-    std::vector<PlacedBody> at_rest;  // the placements of the bodies that no joint moves; others are undefined
-    std::vector<ObstacleNode> obstacles;
+    std::vector<Body> robot;
+    std::shared_ptr<const Obstacles> obstacles;
     double rounding = 0.0;  // allowance (m) for floating-point errors, subtracted from every distance
 
-    Geometry(JointTree tree, std::vector<Body> robot, const Obstacles& others, double rounding);
+    std::size_t size() const { return robot.size() + obstacles->bodies.size(); }
+    const Obstacle& obstacle(int body) const { return obstacles->bodies[static_cast<std::size_t>(body) - robot.size()]; }
+    const Shape& shape(int body) const {
+        const auto number = static_cast<std::size_t>(body);
+        return number < robot.size() ? *robot[number].shape : *obstacle(body).shape;
+    }
+};
 
-    const Shape& shape(int body) const { return *bodies[static_cast<std::size_t>(body)].shape; }
+// The joints and bodies of a geometry at a configuration, which must outlive it.
+class Placement {
+public:
+    explicit Placement(const Geometry& geometry);
+
+    // Place the joints and the bodies that they move at q (dof). False if q is not finite: then every moving placement is
+    // NaN, so that no previous value is used as a result.
+    bool set(const double* q);
+
+    const PlacedBody& operator[](int body) const {
+        const auto number = static_cast<std::size_t>(body);
+        return number < robot_.size() ? robot_[number] : geometry_->obstacle(body).placed;
+    }
+    const Transform& joint(int k) const { return joints_[static_cast<std::size_t>(k)]; }
+
+private:
+    const Geometry* geometry_;
+    std::vector<Transform> joints_;
+    std::vector<PlacedBody> robot_;
 };
 
 // Two bodies that are checked against each other, the first of the robot.
 struct Pair {
     int a, b;
-    double margin;       // m
     bool with_obstacle;  // whether b is an obstacle
-    bool convex;         // whether both have a support function, which bounds their distance along a direction
 
-    // The joints between the bodies: `joints` of them in World::between, from a to b; the first `up` of them carry a,
-    // the others b. Mimic multipliers of 0 count; `moving` states whether any joint moves the bodies relative to each
+    // The joints between the bodies: `joints` of them in PairTable::between, from a to b; the first `up` of them carry
+    // a, the others b. Mimic multipliers of 0 count; `moving` states whether any joint moves the bodies relative to each
     // other.
-    std::uint32_t first, joints, up;
     bool moving;
-
-    // A direction in the frame of a that separates the bodies at q = 0, if a single joint is between them: they are
-    // always close, and the direction hardly changes. Zeros: unknown. Found at q = 0 and not at an earlier query, so
-    // that no result depends on earlier queries.
-    Vec3 first_direction;
+    std::uint32_t first, joints, up;
+    int adjacent;  // the number of the pair among those with a single joint between the bodies; -1: another pair
 };
 
-// A list that copies of a world share.
-template <class T>
-class Shared {
-public:
-    Shared() = default;
-    explicit Shared(std::vector<T> items) : owner_(std::make_shared<std::vector<T>>(std::move(items))), span_(*owner_) {}
+// The pairs of the bodies of a geometry, whatever their shapes and places.
+struct PairTable {
+    std::vector<Pair> pairs;
+    std::vector<int> between;         // joints between the bodies of all pairs, see Pair::first
+    std::vector<int> own;             // the moving pairs of two bodies of the robot
+    std::vector<int> adjacent;        // those with a single joint between them
+    std::vector<int> around;          // the robot's bodies with obstacle pairs, from the hand to the base, likely
+                                      // contacts first
+    std::vector<int> still;           // the pairs that no joint moves relative to each other
+    std::vector<int> obstacle_pairs;  // (robot bodies, obstacles) the moving pair of each, or -1
+    std::vector<char> is_first;       // (robot bodies) whether a pair begins with it
 
-    const T& operator[](std::size_t i) const { return span_[i]; }
-    const T& at(std::size_t i) const { return owner_->at(i); }
-    std::size_t size() const { return span_.size(); }
-    auto begin() const { return span_.begin(); }
-    auto end() const { return span_.end(); }
-    std::vector<T> copy() const { return {begin(), end()}; }
+    PairTable(const Geometry& geometry, std::span<const std::int64_t> bodies);
+
+    // Whether a geometry has as many bodies, on the same joints.
+    bool fits(const Geometry& geometry) const;
 
 private:
-    std::shared_ptr<const std::vector<T>> owner_;
-    std::span<const T> span_;
+    // Of the geometry: the joint of each body of the robot; the parent of each joint, and whether it has an influence.
+    std::vector<int> joints_, parents_;
+    std::vector<char> influence_;
 };
 
+// Pairs of placed bodies with their margins.
 struct World {
     std::shared_ptr<const Geometry> geometry;
-    Shared<Pair> pairs;
-    std::vector<int> between;  // joints between the bodies of all pairs, see Pair::first
-    std::vector<int> own;      // the moving pairs of two bodies of the robot
-    std::vector<int>
-        around;              // the robot's bodies with obstacle pairs, from the hand to the base, likely contacts first
-    std::vector<int> still;      // the pairs that no joint moves relative to each other
-    Shared<int> obstacle_pairs;  // (robot bodies, obstacles) the moving pair of each, or -1
-    bool uses_obstacles = true;       // false: only `own` is checked
-    double widest_margin = 0.0;       // of a pair with an obstacle
+    std::shared_ptr<const PairTable> table;
+    std::shared_ptr<const std::vector<double>> margins;  // m, of each pair
+    double widest_margin = 0.0;                          // of a pair with an obstacle
+    std::vector<int> own;        // the pairs of two bodies of the robot that are checked
+    bool uses_obstacles = true;  // false: only `own` is checked
 
-    World(std::shared_ptr<const Geometry> geometry, std::span<const std::int64_t> pairs,
-          std::span<const double> margins);
+    World(std::shared_ptr<const Geometry> geometry, std::shared_ptr<const PairTable> table, std::vector<double> margins);
 
-    World with_margins(std::span<const double> margins) const;
+    World with_margins(std::vector<double> margins) const;
+    World with_obstacles(std::shared_ptr<const Geometry> geometry) const;  // the same robot, pairs and margins
     World of_still_pairs() const;  // checks only the pairs that no joint moves
 
     const Geometry& space() const { return *geometry; }
     const Shape& shape(int body) const { return geometry->shape(body); }
-    std::span<const int> joints_between(const Pair& pair) const { return {between.data() + pair.first, pair.joints}; }
-    int pair_with_obstacle(int body, int obstacle) const {
-        const std::size_t obstacles = geometry->bodies.size() - geometry->robot_bodies;
-        return obstacle_pairs[static_cast<std::size_t>(body) * obstacles + static_cast<std::size_t>(obstacle) -
-                              geometry->robot_bodies];
+    std::size_t size() const { return table->pairs.size(); }
+    const Pair& pair(int k) const { return table->pairs[static_cast<std::size_t>(k)]; }
+    double margin(int k) const { return (*margins)[static_cast<std::size_t>(k)]; }
+    // Whether both bodies have a support function, which bounds their distance along a direction.
+    bool is_convex(const Pair& pair) const;
+    // A direction in the frame of a that separates the bodies at q = 0, if a single joint is between them: they are
+    // always close, and the direction hardly changes. Zeros: unknown. Found at q = 0 and not at an earlier query, so
+    // that no result depends on earlier queries.
+    Vec3 first_direction(const Pair& pair) const {
+        return pair.adjacent < 0 ? Vec3{} : first_directions_[static_cast<std::size_t>(pair.adjacent)];
     }
-};
+    std::span<const int> joints_between(const Pair& pair) const {
+        return {table->between.data() + pair.first, pair.joints};
+    }
+    int pair_with_obstacle(int body, int obstacle) const {
+        return table->obstacle_pairs[static_cast<std::size_t>(body) * geometry->obstacles->bodies.size() +
+                                     static_cast<std::size_t>(obstacle)];
+    }
 
-// Place the joints and the bodies that they move at q (dof); the other bodies must be placed already. False if q is not
-// finite: then every moving placement is NaN, so that no previous value is used as a result.
-bool place(const Geometry& geometry, const double* q, std::span<Transform> joints, std::span<PlacedBody> bodies);
+private:
+    void set_margins(std::vector<double> numbers);
+
+    std::vector<Vec3> first_directions_;  // of the adjacent pairs
+};
 
 }  // namespace pinproof

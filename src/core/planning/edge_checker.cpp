@@ -23,7 +23,7 @@ EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, double resolution)
 bool EdgeChecker::has_bodies_of(const World& world) const {
     const Geometry &here = world_->space(), &there = world.space();
     return here.tree.dof == there.tree.dof && here.tree.joints.size() == there.tree.joints.size() &&
-           here.robot_bodies == there.robot_bodies;
+           here.robot.size() == there.robot.size();
 }
 
 void EdgeChecker::set_steering(std::shared_ptr<const World> world, bool blocked) {
@@ -118,12 +118,12 @@ bool EdgeChecker::is_sample_free(const double* q) {
 double EdgeChecker::motion(const double* a, const double* b) const {
     const Geometry& space = world_->space();
     double most = 0.0;
-    for (std::size_t body = 0; body < space.robot_bodies; ++body) {
+    for (std::size_t body = 0; body < space.robot.size(); ++body) {
         double length = 0.0;
-        for (int k = space.bodies[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
+        for (int k = space.robot[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
             const Joint& joint = space.tree.joints[k];
             length += std::abs(joint.multiplier * (b[joint.index] - a[joint.index])) *
-                      radius_about(joint, sampler_->joints()[k], sampler_->bodies()[body], *space.bodies[body].shape);
+                      radius_about(joint, sampler_->bodies().joint(k), sampler_->bodies()[body], *space.robot[body].shape);
         }
         most = std::max(most, length);
     }

@@ -107,22 +107,22 @@ class Scene(Mapping[str, Obstacle], Shown):
                 raise error
 
     @cached_property
-    def _by_name(self) -> dict[str, Obstacle]:
-        return {obstacle.name: obstacle for obstacle in self.obstacles}
+    def _numbers(self) -> dict[str, int]:
+        return {obstacle.name: i for i, obstacle in enumerate(self.obstacles)}
 
     def __getitem__(self, name: str) -> Obstacle:
         if name not in self:
             raise UnknownNameError("obstacle", name, self, "the scene")
-        return self._by_name[name]
+        return self.obstacles[self._numbers[name]]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._by_name
+        return name in self._numbers
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._by_name)
+        return iter(self._numbers)
 
     def __len__(self) -> int:
-        return len(self._by_name)
+        return len(self._numbers)
 
     @overload
     def get(self, name: str, default: None = None, /) -> Obstacle | None: ...
@@ -130,7 +130,7 @@ class Scene(Mapping[str, Obstacle], Shown):
     def get(self, name: str, default: Obstacle | Default, /) -> Obstacle | Default: ...
     def get(self, name: str, default: object = None, /) -> object:
         """Return the obstacle of this name, or ``default``."""
-        return self._by_name.get(name, default)
+        return default if name not in self._numbers else self[str(name)]
 
     __eq__, __hash__ = object.__eq__, object.__hash__
 
@@ -152,8 +152,12 @@ class Scene(Mapping[str, Obstacle], Shown):
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
-        moved = replace(self[name], pose=pose)
-        return replace(self, obstacles=tuple(moved if o.name == name else o for o in self.obstacles))
+        moved, number = replace(self[name], pose=pose), self._numbers[name]
+        # All else was checked when this scene was made, and is shared.
+        other = object.__new__(Scene)
+        obstacles = (*self.obstacles[:number], moved, *self.obstacles[number + 1 :])
+        other.__dict__.update(self.__dict__, obstacles=obstacles)
+        return other
 
     def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.

@@ -361,9 +361,27 @@ class JointGroup(Shown):
         if all(name in self.held and self.held[name] == value for name, value in held.items()):
             return self
         values = self._held_for(self._chain, {**self.held, **held})
+        model = reduced_model(self.robot.urdf, self.robot._model, {*self.joint_names, *self.followers}, values)
+        if self._has_joints_of(model):
+            # Only links on held joints, such as those of a hand, are elsewhere.
+            other = copy(self)
+            other.__dict__.update(held=ReadOnlyDict(values, HELD_READ_ONLY), _model=model, _threads=threading.local())
+            other.__dict__.pop("arms", None)
+            return other
         if isinstance(self, Arm):
             return cast(Group, Arm(self.robot, self.base, self.tcp, self._chain, self.limits, values))
         return cast(Group, JointGroup(self.robot, self.ends, self._chain, self.limits, values))
+
+    def _has_joints_of(self, model: Any) -> bool:
+        """Whether the joints, bases and tcps of another reduced model of the robot are placed as in :attr:`model`."""
+        own = self._model
+        joints = zip(own.jointPlacements, model.jointPlacements, strict=True)
+        numbers = [self._frame_id(name) for ends in self.ends.values() for name in ends]
+        frames = [(own.frames[i], model.frames[i]) for i in numbers]
+        return all(one == other for one, other in joints) and all(
+            (one.name, one.parentJoint) == (other.name, other.parentJoint) and one.placement == other.placement
+            for one, other in frames
+        )
 
     def model_configuration(self, q: Array) -> Array:
         """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""

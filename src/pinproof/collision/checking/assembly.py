@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations, product
+from itertools import chain, combinations, compress, groupby, product
+from operator import is_not
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -22,11 +23,11 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import Body as PlacedBody
-from pinproof._core import Geometry, Joint, JointTree, Obstacles, World
-from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, Overlaps
+from pinproof._core import Geometry, Joint, JointTree, Obstacles, PairTable, World, bodies_on_joint
+from pinproof.collision.checking.links import DECOMPOSED, GEOMETRY_NAMES, LinkBodies, Overlaps
 from pinproof.collision.checking.spec import CheckerSpec, Levels
-from pinproof.collision.geometry.bodies import Body, box_of, make_boxes, shape_bodies
-from pinproof.collision.geometry.shapes import ANYTHING, Mesh, Obstacle
+from pinproof.collision.geometry.bodies import Body, bodies_of, box_of, make_boxes
+from pinproof.collision.geometry.shapes import ANYTHING, Box, Mesh, Obstacle
 from pinproof.collision.geometry.surfaces import Cells
 from pinproof.collision.scene import Scene
 from pinproof.description import OVERLAP_REASON, UrdfJoint
@@ -80,12 +81,23 @@ class FinerPair:
 Indices = npt.NDArray[np.int64]
 
 
-class Pairs(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Pairs:
     """The checked pairs of bodies (P, 2), sorted, and the owners that are not checked, or with finer geometry."""
 
     checked: Indices
-    excluded: Sequence[ExcludedPair]
-    finer: Sequence[FinerPair]
+    excluded: tuple[ExcludedPair, ...]
+    finer: tuple[FinerPair, ...]
+
+    def table(self, geometry: Geometry) -> PairTable:
+        """Return the pairs in the compiled core, which geometries with the same bodies on the same joints share."""
+        known = self.__dict__.get("_table")
+        if known is None or not known.fits(geometry):
+            known = self.__dict__["_table"] = PairTable(geometry, self.checked)
+        return known
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_table"}
 
 
 class PairRules(NamedTuple):
@@ -131,11 +143,21 @@ def choose_pairs(
     levels: Levels,
     allowed: Iterable[Sequence[str]] = (),
 ) -> Pairs:
-    """Return the pairs to check of the bodies of the robot, and of ``obstacles``: the indices of bodies by name.
+    """Return the pairs to check of the bodies of the robot, and of ``obstacles``: the numbers of their bodies by name.
 
     ``levels`` are the levels of detail of pairs of owners, where not 0.
     """
-    robot = arm.robot
+    robot, neighbours = arm.robot, _Neighbours(arm, own, rules)
+    known = neighbours.known
+    # Pairs depend on the owners of bodies only, unless an attached object has to be sampled.
+    start, count = len(own), max((numbers.stop for numbers in obstacles.values()), default=0)
+    described = tuple([(body.owner, body.link, body.level, body.source) for body in own])
+    named = {owner for pair in (*scene.allowed, *scene.disabled, *allowed, *levels) for owner in pair}
+    ranges = obstacles.items() if ANYTHING in named else ((owner, obstacles.get(owner)) for owner in sorted(named))
+    of_scene = scene.allowed, scene.disabled, scene.frame
+    key = described, of_scene, tuple(allowed), frozenset(levels.items()), count, tuple(ranges)
+    if key in known.pairs and not robot.movers:
+        return known.pairs[key]
     if scene.frame:  # such as base_link, fixed to world without an offset
         frame = (
             robot.model.frames[robot.model.getFrameId(scene.frame, pin.FrameType.BODY)]
@@ -171,19 +193,9 @@ def choose_pairs(
             every = (*members, *obstacles) if ANYTHING in (first, second) else ()
             for pair in product(*(every if name == ANYTHING else (name,) for name in (first, second))):
                 reasons[frozenset(pair)] = reason
-    # Pairs depend on the owners of bodies only, unless an attached object has to be sampled.
-    neighbours = _Neighbours(arm, own, rules)
-    known = neighbours.known
-    named = {owner: obstacles[owner] for pair in (*reasons, *levels) for owner in pair if owner in obstacles}
-    ruled = sorted(named.items(), key=lambda item: item[1].start)
-    start, end = len(own), max((indices.stop for indices in obstacles.values()), default=len(own))
-    described = tuple([(body.owner, body.link, body.level, body.source) for body in own])
-    rules_of = frozenset(reasons.items()), frozenset(levels.items())
-    key = described, rules_of, end, tuple(ruled)
-    if key in known.pairs and not robot.movers:
-        return known.pairs[key]
+    ruled = {owner: obstacles[owner] for pair in (*reasons, *levels) for owner in pair if owner in obstacles}
     among = frozenset(item for item in reasons.items() if members.keys() >= item[0])
-    key_of_robot = described, among, rules_of[1]
+    key_of_robot = described, among, frozenset(levels.items())
     of_robot = known.of_robot.get(key_of_robot)
     if of_robot is None:
         of_robot = _pairs_of_robot(own, members, robot, neighbours, reasons, levels)
@@ -195,30 +207,32 @@ def choose_pairs(
     carried = sorted(owner for owner, mine in members.items() if own[mine[0]].link in carriers)
     others = [owner for owner in members if owner not in carried]
     rows = [i for owner in others for i in members[owner] if own[i].level == 0]
-    plain = np.ones(end - start, dtype=np.bool_)
-    for _, own_bodies in ruled:
-        plain[own_bodies.start - start : own_bodies.stop - start] = False
+    plain = np.ones(count, dtype=np.bool_)
+    for numbers in ruled.values():
+        plain[numbers.start : numbers.stop] = False
     special = list[tuple[int, int]]()
-    for a, (b, own_bodies) in product(others, ruled):
+    for a, (b, numbers) in product(others, sorted(ruled.items(), key=lambda item: item[1].start)):
         owners = frozenset((a, b))
         if owners in reasons:
             excluded.append(ExcludedPair((a, b), reasons[owners]))
             continue
         level = levels.get(owners, 0)
         mine = _on_level(own, members[a], level)
-        special.extend(product(mine, own_bodies))
+        special.extend([(i, start + j) for i, j in product(mine, numbers)])
         if any(own[i].level for i in mine):
             finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], TOUCHED))
     for a, b in (*combinations(carried, 2), *product(carried, obstacles)):
         excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
     # Sorted by their numbers in a table of all bodies.
-    columns = start + np.flatnonzero(plain)
+    end, columns = start + count, start + np.flatnonzero(plain)
     listed = np.concatenate([of_robot.checked, np.array(special, dtype=np.int64).reshape(-1, 2)])
-    numbers = (np.array(rows, dtype=np.int64)[:, None] * end + columns).ravel()
-    numbers = np.concatenate([numbers, listed[:, 0] * end + listed[:, 1]])
-    numbers.sort(kind="stable")
-    made = Pairs(np.stack(np.divmod(numbers, max(end, 1)), axis=1), excluded, finer)
-    if len(numbers) <= MOST_PAIRS and key_of_robot in known.of_robot:
+    order = (np.array(rows, dtype=np.int64)[:, None] * end + columns).ravel()
+    order = np.concatenate([order, listed[:, 0] * end + listed[:, 1]])
+    order.sort(kind="stable")
+    checked = np.stack(np.divmod(order, max(end, 1)), axis=1)
+    checked.setflags(write=False)
+    made = Pairs(checked, tuple(excluded), tuple(finer))
+    if len(order) <= MOST_PAIRS and key_of_robot in known.of_robot:
         _keep(known.pairs, key, made, PAIRS_KEPT)
     return made
 
@@ -251,7 +265,7 @@ def _pairs_of_robot(
         if level and any(own[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
             finer.append(FinerPair((a, b), GEOMETRY_NAMES[level], reason))
-    return Pairs(np.array(checked, dtype=np.int64).reshape(-1, 2), excluded, finer)
+    return Pairs(np.array(checked, dtype=np.int64).reshape(-1, 2), tuple(excluded), tuple(finer))
 
 
 def overlap_levels(bodies: Sequence[Body], arm: JointGroup, rules: PairRules) -> dict[frozenset[str], int]:
@@ -400,10 +414,6 @@ ROUNDING = 1e-9
 """Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
 3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
 
-Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...], float]]
-"""Cache of the bodies of obstacles and their largest extent (m), by identity of the obstacle (of which it keeps a
-reference) and its link."""
-
 ARMS_KEPT = 64
 """Number of arms whose joints and links are kept; many checkers are often made for one arm, and few positions of its
 hand."""
@@ -418,56 +428,67 @@ LARGEST_SMALL_PART = 3.0
 """Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
-def pack_geometry(
-    arm: JointGroup, bodies: Sequence[Body], links: int, rounding: float, obstacles: Obstacles | None = None
-) -> Geometry:
-    """Return the joints of an arm's robot and the bodies on them, obstacles last, with the rounding (m).
-
-    The first ``links`` bodies, and their poses on the joints, are kept for each arm; ``obstacles`` are packed already.
-    """
-    tree, frames = _joints(arm)
-    robot = next((i for i, body in enumerate(bodies) if body.link is None), len(bodies))
-    placed = list(_on_joints(arm, tuple(bodies[:links])))
-    poses: dict[tuple[str | None, int], Array] = {}  # the pieces of one object share their pose
-    for body in bodies[links:robot]:
-        joint, above = frames[body.link or ""]
-        key = body.link, id(body.link_from_body)
-        if key not in poses:
-            poses[key] = (above * body.link_from_body).homogeneous
-        placed.append(PlacedBody(body.core_shape, joint, poses[key]))
-    return Geometry(tree, placed, pack_obstacles(bodies[robot:]) if obstacles is None else obstacles, rounding)
+@lru_cache(maxsize=ARMS_KEPT)
+def _on_joints(arm: JointGroup, bodies: tuple[Body, ...]) -> list[PlacedBody]:
+    """Return bodies of links on the joints that move them."""
+    frames, placed = _joints(arm)[1], list[PlacedBody]()
+    # The pieces of a mesh follow each other at one pose.
+    for _, group in groupby(bodies, lambda body: (body.link, id(body.link_from_body))):
+        pieces = list(group)
+        joint, above = frames[pieces[0].link or ""]
+        pose = (above * pieces[0].link_from_body).homogeneous
+        placed += bodies_on_joint([body.core_shape for body in pieces], joint, pose)
+    return placed
 
 
-def pack_obstacles(bodies: Iterable[Body]) -> Obstacles:
-    """Return the bodies of obstacles with a tree of boxes around them, for several geometries."""
-    return Obstacles([body.core_obstacle for body in bodies])
+class _Joints(NamedTuple):
+    """The joints of an arm's robot in the compiled core."""
+
+    tree: JointTree
+    aligned: Sequence[pin.SE3]  # the rotation of each frame that has the axis of its joint along z
+    frames: Mapping[str, int]  # of the links in the reduced model
+
+
+_JOINTS: WeakKeyDictionary[Robot, dict[Any, _Joints]] = WeakKeyDictionary()
+
+
+class _Frames(dict[str, tuple[int, pin.SE3]]):
+    """The joint that moves each link (-1: none), and its placement there, on demand."""
+
+    def __init__(self, model: Any, joints: _Joints) -> None:
+        super().__init__()
+        self._model, self._joints = model, joints
+
+    def __missing__(self, link: str) -> tuple[int, pin.SE3]:
+        frame = self._model.frames[self._joints.frames[link]]
+        k = int(frame.parentJoint) - 1
+        self[link] = k, pin.SE3(frame.placement) if k < 0 else self._joints.aligned[k].inverse() * frame.placement
+        return self[link]
 
 
 @lru_cache(maxsize=ARMS_KEPT)
-def _on_joints(arm: JointGroup, bodies: tuple[Body, ...]) -> tuple[PlacedBody, ...]:
-    frames = _joints(arm)[1]
-    return tuple(_on_joint(frames, body) for body in bodies)
-
-
-def _on_joint(frames: Mapping[str, tuple[int, pin.SE3]], body: Body) -> PlacedBody:
-    joint, above = frames[body.link or ""]
-    return PlacedBody(body.core_shape, joint, (above * body.link_from_body).homogeneous)
-
-
-@lru_cache(maxsize=ARMS_KEPT)
-def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]:
-    """Return the joints, whose axis is z, and for each link the joint that moves it and its placement there."""
+def _joints(arm: JointGroup) -> tuple[JointTree, _Frames]:
+    """Return the joints, whose axis is z, and the joint of each link with the placement of the link on it."""
     model = arm.model
+    # Held joints, such as those of a hand, mostly move links and no other joint.
+    places = b"".join([model.jointPlacements[k].homogeneous.tobytes() for k in range(1, model.njoints)])
+    key = tuple(model.names), places, arm.scale.tobytes(), arm.offset.tobytes()
+    known = _JOINTS.setdefault(arm.robot, {})
+    if key not in known:
+        _keep(known, key, _make_joints(arm, model), ARMS_KEPT)
+    return known[key].tree, _Frames(model, known[key])
+
+
+def _make_joints(arm: JointGroup, model: Any) -> _Joints:
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
-    count = model.njoints - 1
     prismatic = (~columns[3:].any(axis=0)).tolist()
     leaders = np.abs(arm.scale).argmax(axis=1)
     parents = [int(parent) - 1 for parent in model.parents[1:]]
     aligned: list[pin.SE3] = []
     joints = []
     # The core has the axis of every joint along z, so that the frame of a joint is turned.
-    for k in range(count):
+    for k in range(model.njoints - 1):
         axis = data.oMi[k + 1].rotation.T @ (columns[:3, k] if prismatic[k] else columns[3:, k])
         turned = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis), np.zeros(3))
         aligned.append(turned)
@@ -475,14 +496,11 @@ def _joints(arm: JointGroup) -> tuple[JointTree, dict[str, tuple[int, pin.SE3]]]
         before = (above * model.jointPlacements[k + 1] * turned).homogeneous
         leader = int(leaders[k])
         joints.append(Joint(before, prismatic[k], leader, arm.scale[k, leader], arm.offset[k], parents[k]))
-    tree = JointTree(joints, arm.dof)
-    # The joint that moves each link, and the link's placement on it.
-    links: dict[str, tuple[int, pin.SE3]] = {}
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and frame.name not in links:
-            k = int(frame.parentJoint) - 1
-            links[frame.name] = k, pin.SE3(frame.placement) if k < 0 else aligned[k].inverse() * frame.placement
-    return tree, links
+    links: dict[str, int] = {}
+    for i, frame in enumerate(model.frames):
+        if frame.type == pin.FrameType.BODY:
+            links.setdefault(frame.name, i)
+    return _Joints(JointTree(joints, arm.dof), aligned, links)
 
 
 def only_arm(group: JointGroup) -> Arm:
@@ -509,16 +527,26 @@ class CheckedBodies:
     """(P,) the margin (m) of each pair."""
     world: World
     """The bodies, pairs and margins in the compiled core."""
-    convex: npt.NDArray[np.bool_]
-    """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
     rounding: float
     """The allowance (m) for floating-point error, which is subtracted from every distance."""
     excluded: tuple[ExcludedPair, ...]
     """The pairs of owners that are not checked, with the reasons."""
     finer: tuple[FinerPair, ...]
     """The pairs of owners that are checked with finer bodies."""
-    still_pairs: Indices
-    """The pairs that no joint moves relative to each other."""
+
+    @cached_property
+    def convex(self) -> npt.NDArray[np.bool_]:
+        """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
+        convex = self.world.convex
+        convex.setflags(write=False)
+        return convex
+
+    @cached_property
+    def still_pairs(self) -> Indices:
+        """The pairs that no joint moves relative to each other."""
+        still = self.world.still
+        still.setflags(write=False)
+        return still
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -572,69 +600,180 @@ def on_joint(model: Any, body: Body) -> tuple[int, int, pin.SE3]:
     return index, frame.parentJoint, frame.placement * body.link_from_body
 
 
-class Assembly(NamedTuple):
+REPLACED_SHARE = 1 / 8
+"""Share of the bodies of obstacles that may take the places of others in a tree; with more, a new one is made."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """The bodies of a scene's obstacles."""
+
+    scene: Scene | None  # None: they are not those of a scene
+    bodies: tuple[Body, ...]
+    ranges: Mapping[str, range]  # the numbers of the bodies of each obstacle
+    names: frozenset[str]  # of the bodies
+    extent: float  # the largest one of a body (m)
+    tree_of: Surroundings | None = None  # those from whose tree in the core the own one is derived
+    replaced: frozenset[int] = frozenset()  # the bodies that differ from these
+
+    @classmethod
+    def of(cls, scene: Scene, before: Surroundings | None) -> Surroundings:
+        """Return the bodies of a scene; those of the same obstacles are taken from those ``before``."""
+        things = scene.obstacles
+        old = () if before is None or before.scene is None else before.scene.obstacles
+        if before is not None and before.scene is not None and len(old) == len(things):
+            changed = list(compress(range(len(things)), map(is_not, things, old)))
+            if not changed:
+                return before
+            if len(changed) <= max(1, REPLACED_SHARE * len(things)):
+                moved = before._with([(old[i], things[i]) for i in changed], scene)
+                if moved is not None:
+                    return moved
+        known = {} if before is None else {id(o): before._bodies_of(o.name) for o in old if type(o.shape) is not Box}
+        _refuse_arms(things)
+        make_boxes(things)
+        bodies, ranges = list[Body](), dict[str, range]()
+        for thing in things:
+            start, box = len(bodies), box_of(thing)
+            if box is not None:
+                bodies.append(box)
+            else:
+                bodies += known.get(id(thing)) or bodies_of(thing, None)
+            if len(bodies) > start:
+                ranges[thing.name] = range(start, len(bodies))
+        names, extent = frozenset([body.name for body in bodies]), max((body.extent for body in bodies), default=0.0)
+        return cls(scene, tuple(bodies), ranges, names, extent)
+
+    def _with(self, changed: Sequence[tuple[Obstacle, Obstacle]], scene: Scene) -> Surroundings | None:
+        """Return the bodies of a scene in which few obstacles took the places of others of their names.
+
+        None if one has another number of bodies.
+        """
+        _refuse_arms([new for _, new in changed])
+        bodies, replaced = list(self.bodies), set(self.replaced)
+        before, after = list[Body](), list[Body]()
+        for old, new in changed:
+            numbers, own = self.ranges.get(old.name, range(0)), bodies_of(new, None)
+            if old.name != new.name or len(numbers) != len(own):
+                return None
+            before += bodies[numbers.start : numbers.stop]
+            after += own
+            bodies[numbers.start : numbers.stop] = own
+            replaced.update(numbers)
+        is_largest = any(body.extent >= self.extent for body in before)
+        extent = max([body.extent for body in (bodies if is_largest else after)], default=0.0)
+        if not is_largest:
+            extent = max(extent, self.extent)
+        # A tree in which many obstacles were moved is slow.
+        few = len(replaced) <= REPLACED_SHARE * len(bodies)
+        tree_of, replaced = (self.tree_of or self, replaced) if few else (None, set())
+        return Surroundings(scene, tuple(bodies), self.ranges, self.names, extent, tree_of, frozenset(replaced))
+
+    def _bodies_of(self, name: str) -> tuple[Body, ...]:
+        """Return the bodies of an obstacle."""
+        numbers = self.ranges.get(name, range(0))
+        return self.bodies[numbers.start : numbers.stop]
+
+    @cached_property
+    def core(self) -> Obstacles:
+        """The obstacles in the compiled core."""
+        if self.tree_of is None:
+            return Obstacles([body.core_obstacle for body in self.bodies])
+        numbers = sorted(self.replaced)
+        others = [self.bodies[number].core_obstacle for number in numbers]
+        return self.tree_of.core.replaced(np.array(numbers, dtype=np.int64), others)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core"}
+
+
+def _refuse_arms(obstacles: Iterable[Obstacle]) -> None:
+    if named := [obstacle.name for obstacle in obstacles if obstacle.arm is not None]:
+        raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
     """The bodies of a checker (links, attached objects, obstacles) and its pairs."""
 
+    spec: CheckerSpec
+    levels: Levels
+    links: tuple[Body, ...]
+    attached: tuple[tuple[Body, ...], ...]
+    own: tuple[Body, ...]  # links and attached objects
+    around: Surroundings
     bodies: tuple[Body, ...]
-    links: int  # the number of bodies of links
-    pairs: Pairs
     rounding: float  # the allowance (m) for floating-point error
-    geometry: Geometry  # bodies and joints in the compiled core
-    obstacles: Obstacles  # the obstacles there, for derived checkers
-    scene: Scene  # that of the obstacles
-    known: Known  # the cached bodies of the obstacles, for derived checkers
+    pairs: Pairs
+    chosen: Pairs | None  # those that the specification states, if known
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Bodies and joints in the compiled core."""
+        arm, attached = self.spec.arm, self.own[len(self.links) :]
+        placed = [*_on_joints(arm, self.links), *_on_joints.__wrapped__(arm, attached)]
+        return Geometry(_joints(arm)[0], placed, self.around.core, self.rounding)
+
+    def with_pairs(self, pairs: Pairs, spec: CheckerSpec | None = None) -> Assembly:
+        """Return the same with other pairs; with those that a specification states if it is given."""
+        other = object.__new__(Assembly)
+        other.__dict__.update(self.__dict__, pairs=pairs)
+        if spec is not None:
+            other.__dict__.update(spec=spec, chosen=pairs if self.pairs is self.chosen else None)
+        return other
+
+    def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Pairs) -> Assembly:
+        """Return the same with other bodies of obstacles, and pairs of them."""
+        around = replace(self.around, scene=None, bodies=tuple(bodies), tree_of=None, replaced=frozenset())
+        return replace(self, around=around, bodies=(*self.own, *bodies), pairs=pairs)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "geometry"}
 
 
 def assemble(
-    spec: CheckerSpec, links: Sequence[Body], rules: PairRules, levels: Levels, before: Assembly | None
+    spec: CheckerSpec, link_bodies: LinkBodies, rules: PairRules, levels: Levels, before: Assembly | None
 ) -> Assembly:
     """Assemble links, attached objects and a scene; errors are those of :class:`pinproof.CollisionChecker`.
 
     What is the same as in an assembly ``before`` is taken from it.
     """
-    arm, scene = spec.arm, spec.scene
-    if named := [obstacle.name for obstacle in scene.obstacles if obstacle.arm is not None]:
-        raise InputError(f"the obstacles {', '.join(named)} of the scene name an arm; only attached objects have one")
-    # Bodies of obstacles are made once and kept, because derived checkers have the same obstacles.
-    known: Known = {} if before is None else before.known
-    made: Known = {}
-    make_boxes(scene.obstacles)
-    bodies, extent = list(links), max((1.0, *[body.extent for body in links]))
-    obstacles: dict[str, range] = {}
-    for link, thing in [*[(arm.tcp_of(o.arm), o) for o in spec.attached], *[(None, o) for o in scene.obstacles]]:
-        start = len(bodies)
-        box = box_of(thing) if link is None else None
-        if box is not None:
-            bodies.append(box)
-            obstacles[thing.name] = range(start, start + 1)
-            if box.extent > extent:
-                extent = box.extent
-            continue
-        entry = known.get((id(thing), link))
-        if entry is None or entry[0] is not thing:
-            own = tuple(shape_bodies(thing.name, link, thing.shape, thing.pose))
-            entry = thing, own, max((body.extent for body in own), default=0.0)
-        made[id(thing), link] = entry
-        extent = max(extent, entry[2])
-        bodies += entry[1]
-        if link is None and len(bodies) > start:
-            obstacles[thing.name] = range(start, len(bodies))
+    arm, scene, urdf = spec.arm, spec.scene, spec.arm.robot.urdf
+    around = Surroundings.of(scene, None if before is None else before.around)
+    links = link_bodies.of(levels) if before is None or levels is not before.levels else before.links
+    known = {}
+    if before is not None and arm.ends == before.spec.arm.ends:
+        known = {(id(o), o.arm): own for o, own in zip(before.spec.attached, before.attached, strict=True)}
+    attached = tuple([known.get((id(o), o.arm)) or bodies_of(o, arm.tcp_of(o.arm)) for o in spec.attached])
+    if before is not None and links is before.links and [*map(id, attached)] == [*map(id, before.attached)]:
+        own = before.own
+    else:
+        own = (*links, *chain.from_iterable(attached))
     # Names of bodies are unique, so that messages and margins are unambiguous.
-    names = [body.name for body in bodies]
-    if len(set(names)) < len(names) or not set(arm.robot.urdf.links).isdisjoint(names[len(links) :]):
-        seen: set[str] = set()
-        for body in bodies:
-            if body.name in seen or (body.owner != body.link and body.name in arm.robot.urdf.links):
-                raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
-            seen.add(body.name)
-    first = len(links) + sum(len(made[id(thing), arm.tcp_of(thing.arm)][1]) for thing in spec.attached)
-    pairs = choose_pairs(bodies[:first], obstacles, arm, scene, rules, levels=levels, allowed=spec.allowed)
-    rounding = ROUNDING * extent
-    others = bodies[first:]
-    same = before is not None and before.scene is scene
-    packed = before.obstacles if before is not None and same else pack_obstacles(others)
-    geometry = pack_geometry(arm, bodies, len(links), rounding, packed)
-    return Assembly(tuple(bodies), len(links), pairs, rounding, geometry, packed, scene, made)
+    if before is None or own is not before.own or around.names is not before.around.names:
+        mine, free = [body.name for body in own], around.names.isdisjoint
+        repeated = len(set(mine)) < len(mine) or len(around.names) < len(around.bodies) or not free(mine)
+        if repeated or not free(urdf.links) or not set(urdf.links).isdisjoint(mine[len(links) :]):
+            seen: set[str] = set()
+            for body in (*own, *around.bodies):
+                if body.name in seen or (body.owner != body.link and body.name in urdf.links):
+                    raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
+                seen.add(body.name)
+    pairs = None
+    if before is not None and own is before.own and around.ranges is before.around.ranges and levels is before.levels:
+        old = before.spec
+        same_joints = (arm.robot, arm.joint_names) == (old.arm.robot, old.arm.joint_names)
+        if same_joints and _rules_of(spec) == _rules_of(old):
+            pairs = before.chosen
+    pairs = pairs or choose_pairs(own, around.ranges, arm, scene, rules, levels=levels, allowed=spec.allowed)
+    rounding = ROUNDING * max(1.0, around.extent, *[body.extent for body in own])
+    return Assembly(
+        spec, levels, links, attached, own, around, (*own, *around.bodies), rounding, pairs=pairs, chosen=pairs
+    )
+
+
+def _rules_of(spec: CheckerSpec) -> tuple[object, ...]:
+    return spec.allowed, spec.scene.allowed, spec.scene.disabled, spec.scene.frame
 
 
 def warn_of_units(spec: CheckerSpec, bodies: Sequence[Body]) -> None:
@@ -668,25 +807,24 @@ def numbered_owners(bodies: Sequence[Body]) -> tuple[dict[str, int], Indices]:
     return numbers, np.array([numbers[owner] for owner in owners], dtype=np.int64)
 
 
-def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
+def leave_out(made: Assembly, spec: CheckerSpec, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
     """Return the same bodies with more pairs of owners excluded; None if :func:`assemble` is needed, for a wildcard."""
     # Wildcards and links without geometry need all of the rules.
-    order, owners = numbered_owners(assembly.bodies)
+    order, owners = numbered_owners(made.bodies)
     if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
         return None
-    moving = {body.owner for body in assembly.bodies if body.link is not None}
+    moving = {body.owner for body in made.own}
     named = {frozenset(pair) for pair in allowed if moving & set(pair)}
-    checked, excluded = owners[assembly.pairs.checked], list(assembly.pairs.excluded)
-    kept = np.ones(len(checked), dtype=bool)
-    excluded = [pair for pair in excluded if frozenset(pair.owners) not in named]
+    checked, kept = owners[made.pairs.checked], np.ones(len(made.pairs.checked), dtype=bool)
+    excluded = [pair for pair in made.pairs.excluded if frozenset(pair.owners) not in named]
     for pair in named:
         first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
         excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
         kept &= ~is_pair(checked, order[first], order[second])
     # The order of the exclusions is that of choose_pairs.
     excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
-    finer = [pair for pair in assembly.pairs.finer if frozenset(pair.owners) not in named]
-    return assembly._replace(pairs=Pairs(assembly.pairs.checked[kept], excluded, finer))
+    finer = tuple([pair for pair in made.pairs.finer if frozenset(pair.owners) not in named])
+    return made.with_pairs(Pairs(made.pairs.checked[kept], tuple(excluded), finer), spec)
 
 
 def is_pair(owners: Indices, one: int, other: int) -> npt.NDArray[np.bool_]:

@@ -15,19 +15,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import FREE, NOT_FINITE, Geometry, World, edges_proven
+from pinproof._core import FREE, NOT_FINITE, World, edges_proven
 from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
     PairRules,
-    Pairs,
     assemble,
     is_pair,
     leave_out,
     numbered_owners,
     overlap_levels,
-    pack_geometry,
-    pack_obstacles,
     unexplained_pairs,
     warn_of_units,
 )
@@ -359,13 +356,11 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         Also returns the indices there of the present pairs and of the new ones. The new bodies follow those in
         :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
-        made, every = self._assembly, (*self.bodies, *bodies)
-        others = pack_obstacles(body for body in every if body.link is None)
-        geometry = pack_geometry(self.group, every, made.links, self.rounding, others)
+        made = self._assembly
         before = np.searchsorted(self._pairs[:, 0], pairs[:, 0], side="right")
         checked, new = np.insert(self._pairs, before, pairs, axis=0), before + np.arange(len(pairs))
         other = copy(self)
-        other._take(made._replace(bodies=every, geometry=geometry, pairs=made.pairs._replace(checked=checked)))
+        other._take(made.with_obstacle_bodies((*made.around.bodies, *bodies), replace(made.pairs, checked=checked)))
         return other, np.delete(np.arange(len(checked)), new), new
 
     def _with_facets_of(self, owners: Iterable[str]) -> CollisionChecker:
@@ -373,12 +368,9 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         named = {body.owner for body in self.bodies if isinstance(body, CellsBody)}.intersection(owners)
         if not named:
             return self
-        made = self._assembly
-        every = tuple([b.as_mesh() if isinstance(b, CellsBody) and b.owner in named else b for b in self.bodies])
-        others = pack_obstacles(body for body in every if body.link is None)
-        geometry = pack_geometry(self.group, every, made.links, self.rounding, others)
-        other = copy(self)
-        other._take(made._replace(bodies=every, geometry=geometry))
+        made, other = self._assembly, copy(self)
+        bodies = [b.as_mesh() if isinstance(b, CellsBody) and b.owner in named else b for b in made.around.bodies]
+        other._take(made.with_obstacle_bodies(bodies, made.pairs))
         return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
@@ -458,7 +450,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             other._assemble(self._assembly)
         elif spec.allowed is before.allowed:
             other._set_margins()
-        elif made := leave_out(self._assembly, spec.allowed[len(before.allowed) :]):
+        elif made := leave_out(self._assembly, spec, spec.allowed[len(before.allowed) :]):
             other._take(made)
         else:
             other._assemble(self._assembly)
@@ -473,7 +465,7 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
     def _with_pairs(self, checked: npt.NDArray[np.int64]) -> CollisionChecker:
         """Return a copy with fewer pairs, which the specification does not state."""
         other, made = copy(self), self._assembly
-        other._take(made._replace(pairs=made.pairs._replace(checked=checked)))
+        other._take(made.with_pairs(replace(made.pairs, checked=checked)))
         return other
 
     # -- properties ------------------------------------------------------------------------------------------
@@ -519,6 +511,10 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
     def pairs_in_contact(self, q: Array) -> list[int]:
         """Return the indices of the pairs in contact at q (n,)."""
         return [*(k for k, _ in self._fixed.touching), *self._workspace.contacts(q)]
+
+    @cached_property
+    def _exact(self) -> tuple[Body, ...]:
+        return tuple([body for body in self.bodies if body.is_exact and body.support is None])
 
     @property
     def hollow_meshes(self) -> tuple[str, ...]:
@@ -585,48 +581,48 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
 
     def _assemble(self, before: Assembly | None) -> None:
         """Assemble bodies and pairs of the specification, with what it has in common with an assembly ``before``."""
-        links = self._link_bodies.of(self._levels)
-        self._take(assemble(self._spec, links, self._rules, self._levels, before))
+        self._take(assemble(self._spec, self._link_bodies, self._rules, self._levels, before))
 
     def _take(self, made: Assembly) -> None:
-        checked, excluded, finer = made.pairs
-        checked.setflags(write=False)
-        if self.__dict__.get("bodies") is not made.bodies:
-            self.__dict__.pop("_owners", None)
-            self._exact = tuple([body for body in made.bodies if body.is_exact and body.support is None])
-        self.__dict__.pop("pairs", None)
-        self.__dict__.update(bodies=made.bodies, excluded=tuple(excluded), finer=tuple(finer), rounding=made.rounding)
-        self._assembly, self._pairs, self._geometry_model = made, checked, None
-        self._set_margins(made.geometry)
+        """Check the bodies and pairs of an assembly."""
+        known = self.__dict__
+        if known.get("bodies") is not made.bodies:
+            for name in ("_owners", "_exact"):
+                known.pop(name, None)
+        pairs = made.pairs
+        known.update(bodies=made.bodies, excluded=pairs.excluded, finer=pairs.finer, rounding=made.rounding)
+        self._assembly, self._pairs, self._geometry_model = made, pairs.checked, None
+        self._set_margins()
 
-    def _set_margins(self, geometry: Geometry | None = None) -> None:
-        """Set the margins of all pairs; with a geometry, make the world of the pairs in it."""
-        spec, pairs = self._spec, self._pairs
-        margins = np.full(len(pairs), spec.margin, dtype=float)
-        if spec.margins:
-            numbers, owners = self._owners
-            for name in sorted({name for pair in spec.margins for name in pair}.difference(numbers)):
-                raise UnknownNameError("body", name, tuple(numbers), "margins")
-            for (one, other), margin in spec.margins.items():
-                margins[is_pair(owners[pairs], numbers[one], numbers[other])] = margin
-        if spec.obstacle_tolerance:
-            obstacle = np.array([body.link is None for body in self.bodies], dtype=bool)
-            margins += spec.obstacle_tolerance * obstacle[pairs[:, 1]]
-        margins.setflags(write=False)
-        if geometry is None:
-            world = self.world.with_margins(margins)
+    def _set_margins(self) -> None:
+        """Set the margins of all pairs, and place the bodies in the core."""
+        spec, made, known = self._spec, self._assembly, self.__dict__
+        pairs, (before, required, world) = made.pairs, known.get("_judged", (None, None, None))
+        # What the world of a checker from which this one was derived has in common with its own is kept.
+        requires = made.pairs, spec.margin, spec.margins, spec.obstacle_tolerance
+        if requires != required:
+            margins = np.full(len(pairs.checked), spec.margin, dtype=float)
+            if spec.margins:
+                numbers, owners = self._owners
+                for name in sorted({name for pair in spec.margins for name in pair}.difference(numbers)):
+                    raise UnknownNameError("body", name, tuple(numbers), "margins")
+                for (one, other), margin in spec.margins.items():
+                    margins[is_pair(owners[pairs.checked], numbers[one], numbers[other])] = margin
+            if spec.obstacle_tolerance:
+                margins[pairs.checked[:, 1] >= len(made.own)] += spec.obstacle_tolerance
+            margins.setflags(write=False)
+            known["margins"] = margins
+        if world is None or before.own is not made.own or before.spec.arm is not spec.arm or before.pairs is not pairs:
+            world = World(made.geometry, pairs.table(made.geometry), self.margins)
         else:
-            world = World(geometry, pairs, margins)
-            still, convex = world.still, world.convex
-            for array in (still, convex):
-                array.setflags(write=False)
-            self.__dict__.update(still_pairs=still, convex=convex)
-        self.__dict__.update(margins=margins, world=world)
-        self._forget()
-
-    def _forget(self) -> None:
-        """Drop what is computed on first access."""
-        self.__dict__.pop("_fixed", None)
+            if made.around is not before.around:
+                world = world.with_obstacles(made.geometry)
+            if requires != required:
+                world = world.with_margins(self.margins)
+        known.update(world=world, _judged=(made, requires, world))
+        # Drop what is computed on first access.
+        for name in ("_fixed", "pairs", "still_pairs", "convex"):
+            known.pop(name, None)
         self._kept = {}
         self._threads = threading.local()
 
@@ -657,18 +653,12 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_assembly", "world", "_fixed", "_kept", "pairs")
-        return {name: value for name, value in self.__dict__.items() if name not in left_out} | {
-            "_links": self._assembly.links
-        }
+        names = ("_spec", "_link_bodies", "_rules", "_levels", "_assembly")
+        return {name: self.__dict__[name] for name in names}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        links = state.pop("_links")
         self.__dict__.update(state)
-        obstacles = pack_obstacles(body for body in self.bodies if body.link is None)
-        geometry = pack_geometry(self.group, self.bodies, links, self.rounding, obstacles)
-        pairs = Pairs(self._pairs, self.excluded, self.finer)
-        self._take(Assembly(self.bodies, links, pairs, self.rounding, geometry, obstacles, self.scene, {}))
+        self._take(self._assembly)
 
 
 def require_curve(curve: Curve, checker: CollisionChecker, name: str = "curve") -> None:

@@ -104,15 +104,13 @@ class Changeable(metaclass=ABCMeta):
         return self._surrounded(spec.scene, (*(thing for thing in spec.attached if thing.name not in new), *objects))
 
     def _surrounded(self: Own, scene: Scene, attached: tuple[Obstacle, ...]) -> Own:
-        spec = self.spec
-        before = {*spec.scene.names, *(thing.name for thing in spec.attached)}
-        gone = before.difference(scene.names, (thing.name for thing in attached))
-        return self._changed(
-            scene=scene,
-            attached=attached,
-            allowed=tuple(pair for pair in spec.allowed if not gone & set(pair)),
-            margins={pair: own for pair, own in spec.margins.items() if not gone & pair},
-        )
+        spec, allowed, margins = self.spec, self.spec.allowed, self.spec.margins
+        if allowed or margins:
+            before = {*spec.scene.names, *(thing.name for thing in spec.attached)}
+            gone = before.difference(scene.names, (thing.name for thing in attached))
+            allowed = tuple(pair for pair in allowed if not gone & set(pair))
+            margins = {pair: own for pair, own in margins.items() if not gone & pair}
+        return self._changed(scene=scene, attached=attached, allowed=allowed, margins=margins)
 
     def with_held(self: Own, held: Mapping[str, float]) -> Own:
         """Return the same with other values (rad or m) of joints outside the arm, such as the robot's fingers."""

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from pinproof._core import Body as CoreBody
 from pinproof._core import Shape as CoreShape
-from pinproof._core import box_bodies
+from pinproof._core import bodies_on_joint, box_bodies
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import Inside, Solid, Surface, bvh, convex_hull, core_mesh, hull_of_any
 from pinproof.collision.geometry.occupancy import OccupancyGrid
@@ -221,15 +221,6 @@ class Body:
         """The body of an obstacle as the compiled core uses it."""
         return CoreBody(self.core_shape, -1, matrix(self.link_from_body))
 
-    def placed(self, link_from_body: pin.SE3) -> Body:
-        """Return the same body at another pose, which is frozen; both share what is known of the shape."""
-        other = object.__new__(type(self))
-        known = other.__dict__
-        known.update(self.__dict__, link_from_body=link_from_body)
-        known.pop("core_obstacle", None)
-        known.pop("extent", None)
-        return other
-
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name not in ("core_shape", "core_obstacle")}
 
@@ -385,17 +376,35 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     stamped, file = _stamped(shape)
-    hull, pieces, remark = _own_shape(stamped, file)
+    pieces = _piece_bodies(name, link, stamped, file)
     if not pieces:
+        hull, _, remark = _own_shape(stamped, file)
         made = _unmodified(replace(stamped, hull=hull), file)
         return [Body(name, name, link, made[0], link_from_body.copy(), *made[1:], remark, file=file)]
     at = frozen(link_from_body.copy())
-    return [body.placed(at) for body in _piece_bodies(name, link, stamped, file)]
+    placed, distance = list[Body](), math.dist(ORIGIN, at.translation.tolist())
+    for piece in pieces:
+        own = object.__new__(Body)
+        own.__dict__.update(piece.__dict__, link_from_body=at, extent=piece.reach + distance)
+        placed.append(own)
+    if link is None:
+        cores = bodies_on_joint([piece.core_shape for piece in placed], -1, matrix(at))
+        for own, core in zip(placed, cores, strict=True):
+            own.__dict__["core_obstacle"] = core
+    return placed
+
+
+def bodies_of(obstacle: Obstacle, link: str | None) -> tuple[Body, ...]:
+    """Return the bodies of an obstacle, or of an object that is attached to a link."""
+    if link is None and type(obstacle.shape) is Box:
+        make_boxes([obstacle])
+    box = box_of(obstacle) if link is None else None
+    return tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose)) if box is None else (box,)
 
 
 @lru_cache(maxsize=MESHES_KEPT)
 def _piece_bodies(name: str, link: str | None, shape: Mesh, file: FileStamp | None) -> tuple[Body, ...]:
-    """Return the bodies of a mesh of convex pieces at the origin, whose shapes all placements of a part share."""
+    """Return the bodies of a mesh of convex pieces at the origin, which all placements share; none of another mesh."""
     _, pieces, remark = _own_shape(shape, file)
     bodies = tuple(
         Body(f"{name}_part_{i}", name, link, made[0], pin.SE3.Identity(), *made[1:], remark, source=name, file=file)

@@ -22,7 +22,7 @@ _HOME = {  # package: the names that the top level exports
         "Box Capsule Certificate CertificateStatus CollisionChecker Cylinder HalfSpace Mesh Mover Obstacle "
         "OccupancyGrid PointCloud Scene Sphere Upright Within audit certify verify_proof"
     ),
-    "pinproof.planning": "MotionPlan PlanResult RrtConnect blend optimise plan plan_linear shortcut simplify",
+    "pinproof.planning": ("MotionPlan PlanResult RrtConnect blend optimise plan plan_linear replan shortcut simplify"),
     "pinproof.viewer": "show write_html write_png",
     "pinproof.execution": "Monitor MotionLibrary",
     "pinproof.picks": "Campaign Pick Picks reach_map read_picks screen_picks validate_picks",
@@ -125,6 +125,7 @@ if TYPE_CHECKING:
         optimise as optimise,
         plan as plan,
         plan_linear as plan_linear,
+        replan as replan,
         shortcut as shortcut,
         simplify as simplify,
     )

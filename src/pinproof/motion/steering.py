@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from typing import Any, Protocol
 
 import numpy as np
@@ -114,7 +115,7 @@ class Move:
         else:
             # Each joint may begin with phases that bring it into its limits.
             profiles = self.source.profiles[0]  # type: ignore[attr-defined]
-            ends = np.concatenate([np.cumsum([*p.brake.t, *p.t, *p.accel.t]) for p in profiles])
+            ends = np.array([end for p in profiles for end in accumulate((*p.brake.t, *p.t, *p.accel.t))])
         ends = ends[(ends > self.start) & (ends < self.end)]
         return np.asarray(ends - self.start)
 
@@ -128,16 +129,22 @@ class Steering:
         The limits; without a jerk limit, the acceleration of the moves jumps.
     share
         The share of the acceleration and jerk limits that moves use, one number or (n,).
+    moving
+        A state from which moves may begin although its rates exceed this share: their first phase brings it inside.
     """
 
-    def __init__(self, bounds: Bounds, share: float | Array = 1.0) -> None:
-        from ruckig import InputParameter, Result, Ruckig, RuckigError
+    def __init__(self, bounds: Bounds, share: float | Array = 1.0, *, moving: State | None = None) -> None:
+        from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization
         from ruckig import Trajectory as Profiles
 
         n = len(bounds.velocity)
         self._ruckig, self._input, self._new, self._n = Ruckig(n), InputParameter(n), Profiles, n
         self._good, self._error = (Result.Working, Result.Finished), RuckigError
-        self._smooth = bounds.jerk is not None
+        self._smooth, self._moving = bounds.jerk is not None, moving
+        self._modes = (
+            (ControlInterface.Velocity, Synchronization.No),
+            (ControlInterface.Position, Synchronization.Time),
+        )
         jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
         self._limits = {
             "max_velocity": bounds.velocity * (1.0 - RATE_SLACK),
@@ -200,11 +207,19 @@ class Steering:
         profiles = self._new(self._n)
         try:
             # Otherwise a move may begin with a phase that exceeds the limits, in order to slow down.
-            self._ruckig.validate_input(given, check_current_state_within_limits=True)
+            self._ruckig.validate_input(given, check_current_state_within_limits=first is not self._moving)
             result = self._ruckig.calculate(given, profiles)
         except self._error:  # a state that is beyond the limits, or cannot be left within them
             return None
         return Move(profiles) if result in self._good else None
+
+    def stop(self, first: State) -> Move | None:
+        """The move from a state to rest in which each joint stops as soon as possible, wherever that is."""
+        given, (to_rest, to_state) = self._input, self._modes
+        given.control_interface, given.synchronization = to_rest
+        move = self.move(first, rest(first[0]))
+        given.control_interface, given.synchronization = to_state
+        return move
 
     def inside(self, move: Move) -> bool:
         """Whether a complete move stays within the position limits."""

@@ -17,6 +17,7 @@ from pinproof.planning.plan_results import (
 )
 from pinproof.planning.planners import DEFAULT_PLANNER, CertifiedPlanner, Planner, planner_of
 from pinproof.planning.problem import Edges, Ends, find_barriers, no_path_message, read_ends, sampling_box, with_turns
+from pinproof.planning.replanning import Replan, ReplanStatus, replan
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, blend, shortcut, simplify
 
@@ -36,6 +37,8 @@ __all__ = [
     "PlanStatus",
     "Planner",
     "PosesPlanResult",
+    "Replan",
+    "ReplanStatus",
     "Route",
     "RouteFollower",
     "RrtConnect",
@@ -53,6 +56,7 @@ __all__ = [
     "plan_poses",
     "planner_of",
     "read_ends",
+    "replan",
     "sampling_box",
     "shortcut",
     "simplify",

@@ -226,7 +226,8 @@ class FreeMoves:
 
     They use a ``share`` of the acceleration limits. Samples are ``step`` seconds apart, and may use the share
     ``tolerance`` of the tolerance of a constraint. With ``middle_first``, the middle of the longest move is checked
-    first: most moves that are not free are not free there. ``computed`` is the number of moves that were computed.
+    first: most moves that are not free are not free there. From the state ``moving``, moves begin as for
+    :class:`Steering`. ``computed`` is the number of moves that were computed.
     """
 
     def __init__(
@@ -241,10 +242,11 @@ class FreeMoves:
         step: float,
         tolerance: float = 1.0,
         middle_first: bool = False,
+        moving: State | None = None,
     ) -> None:
         torques = next((limit for limit in rate_limits if isinstance(limit, TorqueLimits)), None)
         self.edges = Edges(checker, RESOLUTION, ends, torque_limits=torques)
-        self.steering = Steering(bounds, share)
+        self.steering = Steering(bounds, share, moving=moving)
         self.gentle = GentleMoves(self.steering, bounds, rate_limits)
         self.manifold = manifold_of(checker.arm, constraints) if constraints else None
         self.step, self.computed, self._middle_first = step, 0, middle_first
@@ -355,12 +357,27 @@ class MovingEnds:
         return best
 
     def _trajectory(self, motion: MoveSequence, start: State, end: State, longest: float) -> Trajectory | None:
-        """The motion as a trajectory, if it is within all limits."""
-        timed = motion.trajectory(self._names, self._bounds.note, start, end, smooth=False)
-        try:
-            excess = np.max([rate_excess(timed, self._bounds), *(limit.excess(timed) for limit in self._rate_limits)])
-        except TimingError:  # a constraint is violated even at rest
-            return None
-        # An acceleration changes with the square of the factor.
-        allowed = timed.duration < longest and excess <= 1.0 + RATE_TOLERANCE / 2
-        return timed if allowed and inside_position_limits(timed, self._bounds) else None
+        """The motion as a trajectory, if it is within all limits and short enough."""
+        timed = trajectory_within(motion, self._names, start, end, self._bounds, self._rate_limits, smooth=False)
+        return timed if timed is not None and timed.duration < longest else None
+
+
+def trajectory_within(
+    motion: MoveSequence,
+    joint_names: tuple[str, ...],
+    start: State,
+    end: State,
+    bounds: Bounds,
+    rate_limits: Sequence[RateConstraint],
+    *,
+    smooth: bool,
+) -> Trajectory | None:
+    """A motion between two states as a trajectory, see :meth:`MoveSequence.trajectory`; None if it exceeds a limit."""
+    timed = motion.trajectory(joint_names, bounds.note, start, end, smooth=smooth)
+    try:
+        excess = np.max([rate_excess(timed, bounds).max(), *(limit.excess(timed).max() for limit in rate_limits)])
+    except TimingError:  # a constraint is violated even at rest
+        return None
+    # An acceleration changes with the square of the factor, a jerk with the third power.
+    allowed = excess <= 1.0 + RATE_TOLERANCE / (3 if smooth else 2)
+    return timed if allowed and inside_position_limits(timed, bounds) else None

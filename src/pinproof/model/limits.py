@@ -24,7 +24,9 @@ from pinproof.common.structs import (
     Kind,
     Misread,
     Table,
+    described,
     errors_of,
+    key,
     mapping_to,
     required,
 )
@@ -369,31 +371,19 @@ FILE = Table(
 )
 
 
-@dataclass(frozen=True)
+@described()
 class LimitsFile:
-    """The joint limits of a file, by joint name.
+    """The joint limits of a file, by joint name."""
 
-    Parameters
-    ----------
-    path
-        The file.
-    position
-        (lower, upper) in rad or m.
-    velocity, acceleration, jerk
-        In rad or m per second, per second squared and cubed.
-    torque
-        In N m or N; the file calls it effort.
-    places
-        The position in the file by joint, for messages; all joints in the file.
-    """
-
-    path: Path
-    position: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    velocity: Mapping[str, float] = field(default_factory=dict)
-    acceleration: Mapping[str, float] = field(default_factory=dict)
-    jerk: Mapping[str, float] = field(default_factory=dict)
-    torque: Mapping[str, float] = field(default_factory=dict)
-    places: Mapping[str, str] = field(default_factory=dict)
+    path: Path = key("the file")
+    position: Mapping[str, tuple[float, float]] = key("(lower, upper) in rad or m", default_factory=dict)
+    velocity: Mapping[str, float] = key("largest speeds", "rad/s or m/s", default_factory=dict)
+    acceleration: Mapping[str, float] = key("largest accelerations", "rad/s^2 or m/s^2", default_factory=dict)
+    jerk: Mapping[str, float] = key("largest jerks", "rad/s^3 or m/s^3", default_factory=dict)
+    torque: Mapping[str, float] = key("the file calls it effort", "N m or N", default_factory=dict)
+    places: Mapping[str, str] = key(
+        "the position in the file by joint, for messages; all joints in the file", default_factory=dict
+    )
 
     def over(self, limits: JointLimits, joint_names: Sequence[str], known: Sequence[str]) -> JointLimits:
         """Replace limits of an arm by those of the file.

@@ -33,6 +33,7 @@ from pinproof.collision.geometry.shapes import Box, Mesh, Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.files import os_errors
 from pinproof.common.results import Shown, View
+from pinproof.common.structs import described, key
 from pinproof.description import GENERATED_BODIES
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
@@ -234,35 +235,17 @@ class CertificateStatus(Enum):
     UNDECIDED = "undecided"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class FirstContact:
-    """The first contact on a curve; everything before ``proven_free_until`` is proven collision-free.
+    """The first contact on a curve; everything before ``proven_free_until`` is proven collision-free."""
 
-    Parameters
-    ----------
-    time
-        The curve's parameter: seconds on a trajectory, waypoint index on a path.
-    q
-        (n,) the configuration there.
-    bodies
-        Names of the links, attached objects or obstacles in contact.
-    distance
-        Signed distance (m) there, at most the margin.
-    points
-        (2, 3) the nearest points in the robot's root frame.
-    penetrating
-        True if the bodies overlap, False if their distance is only below the margin.
-    proven_free_until
-        The parameter up to which the curve is proven collision-free.
-    """
-
-    time: float
-    q: Array
-    bodies: tuple[str, str]
-    distance: float
-    points: Array
-    penetrating: bool
-    proven_free_until: float
+    time: float = key("the curve's parameter: seconds on a trajectory, waypoint index on a path")
+    q: Array = key("(n,) the configuration there")
+    bodies: tuple[str, str] = key("names of the links, attached objects or obstacles in contact")
+    distance: float = key("signed distance (m) there, at most the margin")
+    points: Array = key("(2, 3) the nearest points in the robot's root frame")
+    penetrating: bool = key("True if the bodies overlap, False if their distance is only below the margin")
+    proven_free_until: float = key("the parameter up to which the curve is proven collision-free")
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,54 +273,41 @@ class ProofLimits(NamedTuple):
         return self.tolerances[0]
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class MotionTube:
-    """Deviations of the joints and the obstacles that a certificate covers.
+    """Deviations of the joints and the obstacles that a certificate covers."""
 
-    Parameters
-    ----------
-    joints
-        (n,) rad or m. The verdict holds for every configuration that differs from one on the curve by no more than this
-        in each joint, so for every motion within the tube, with any timing.
-    obstacles
-        Metres. It holds for displaced, rotated or enlarged obstacles if no point of a surface moves farther than this.
-    largest_joints
-        rad or m: by how much more all joints could deviate at the same time with the proof still valid (obstacles
-        within ``obstacles``). A proven lower bound; close to bodies it is at most 0.05. NaN unless FREE.
-    largest_obstacles
-        Metres: by how much more all obstacles could be displaced (joints within ``joints``). NaN unless FREE.
-    """
-
-    joints: Array
-    obstacles: float
-    largest_joints: float
-    largest_obstacles: float
+    joints: Array = key(
+        "(n,) rad or m. The verdict holds for every configuration that differs from one on the curve by no more "
+        "than this in each joint, so for every motion within the tube, with any timing"
+    )
+    obstacles: float = key(
+        "it holds for displaced, rotated or enlarged obstacles if no point of a surface moves farther than this", "m"
+    )
+    largest_joints: float = key(
+        "by how much more all joints could deviate at the same time with the proof still valid (obstacles within "
+        "``obstacles``). A proven lower bound; close to bodies it is at most 0.05. NaN unless FREE",
+        "rad or m",
+    )
+    largest_obstacles: float = key(
+        "by how much more all obstacles could be displaced (joints within ``joints``). NaN unless FREE", "m"
+    )
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Parting:
-    """Two bodies that may touch at the start and are proven to separate.
+    """Two bodies that may touch at the start and are proven to separate."""
 
-    Parameters
-    ----------
-    bodies
-        The moving body (a link or attached object) and the obstacle.
-    normal
-        (3,) unit vector in the root frame: up to ``end`` no point of the moving body moves against this direction,
-        except for rounding.
-    gap
-        Gap (m) between the two along ``normal`` at the start; a negative value is an overlap, of 1 mm at most.
-    until
-        The parameter after which their distance is larger than their margin, until the end of the curve.
-    end
-        The parameter up to which the body is proven not to approach; after it the ordinary proof applies.
-    """
-
-    bodies: tuple[str, str]
-    normal: Array
-    gap: float
-    until: float
-    end: float
+    bodies: tuple[str, str] = key("the moving body (a link or attached object) and the obstacle")
+    normal: Array = key(
+        "(3,) unit vector in the root frame: up to ``end`` no point of the moving body moves against this "
+        "direction, except for rounding"
+    )
+    gap: float = key("between the two along ``normal`` at the start; negative for an overlap, of 1 mm at most", "m")
+    until: float = key("the parameter after which their distance is larger than their margin, to the end of the curve")
+    end: float = key(
+        "the parameter up to which the body is proven not to approach; after it the ordinary proof applies"
+    )
 
     def __str__(self) -> str:
         one, other = self.bodies

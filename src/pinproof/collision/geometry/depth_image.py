@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +12,20 @@ import numpy.typing as npt
 from pinproof._core import Shape
 from pinproof.collision.geometry.shape_values import point_array
 from pinproof.common.files import refuse_unreadable, unknown_suffix
-from pinproof.common.structs import COUNT, POSE, Key, Table, file_of, key, number, required, struct, table_of, without
+from pinproof.common.structs import (
+    COUNT,
+    POSE,
+    Key,
+    Table,
+    described,
+    file_of,
+    key,
+    number,
+    required,
+    struct,
+    table_of,
+    without,
+)
 from pinproof.common.validation import named_arguments, require_positive
 from pinproof.description import positions, read_elements
 from pinproof.errors import FileError, InputError
@@ -177,40 +189,23 @@ class RemovedBody(NamedTuple):
     pieces: tuple[DepthPiece, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class DepthView:
-    """A checked depth image with its camera; :meth:`read` makes one.
+    """A checked depth image with its camera; :meth:`read` makes one."""
 
-    Parameters
-    ----------
-    depth
-        (height, width) measured depth (m) along the optical axis; 0 without a measurement.
-    nearest, farthest
-        (height, width) metres: every surface in a pixel is at ``nearest`` or farther, and one was measured at
-        ``farthest`` or nearer; 0 where nothing is known, or nothing was measured.
-    uncertainty
-        (height, width) or one number: the largest error (m) of a depth.
-    intrinsics
-        The camera.
-    root_from_camera
-        Its pose.
-    removed
-        The bodies that :func:`pinproof.collision.remove_body` removed.
-    record
-        What was done, in sentences.
-    beside
-        (K, 3) measured points (m) outside the image, in the frame of the grid; only of point clouds.
-    """
-
-    depth: Array
-    nearest: Array
-    farthest: Array
-    uncertainty: Array
-    intrinsics: Intrinsics
-    root_from_camera: SE3
-    removed: tuple[RemovedBody, ...] = ()
-    record: tuple[str, ...] = ()
-    beside: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    depth: Array = key("(height, width) measured depth (m) along the optical axis; 0 without a measurement")
+    nearest: Array = key("(height, width) every surface in a pixel is here or farther; 0 where nothing is known", "m")
+    farthest: Array = key("(height, width) a surface was measured here or nearer; 0 where none was measured", "m")
+    uncertainty: Array = key("(height, width) or one number: the largest error (m) of a depth")
+    intrinsics: Intrinsics = key("the camera")
+    root_from_camera: SE3 = key("its pose")
+    removed: tuple[RemovedBody, ...] = key("the bodies that :func:`pinproof.collision.remove_body` removed", default=())
+    record: tuple[str, ...] = key("what was done, in sentences", default=())
+    beside: Array = key(
+        "(K, 3) measured points outside the image, in the frame of the grid; only of point clouds",
+        "m",
+        default_factory=lambda: np.zeros((0, 3)),
+    )
 
     @classmethod
     def read(

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Rows, Saved, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import freeze_arrays, require_integer
 from pinproof.errors import InputError
 from pinproof.ik import AnalyticIk, Clik
@@ -379,46 +380,37 @@ def _first(starts: Indices, total: int, passes: Callable[[Indices], Mask], asked
 FIGURES = ("limit_margin", "manipulability", "clearance")
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ScreenResult(Saved):
     """The screening results of N picks or poses at the grasp.
 
     FREE means that the grasp is reached within the limits and free of contact. Approach, retreat and transit are not
     checked; use :func:`pinproof.validate_picks` for these.
-
-    Parameters
-    ----------
-    names
-        N names.
-    joint_names
-        The names of the joints of the arm.
-    codes
-        (N,) the statuses, as indices into ``ScreenStatus``; :attr:`status` has the members of the enumeration.
-    q
-        (N, n) if FREE, the free configuration found with the largest manipulability; if in contact, one of the
-        configurations in contact; otherwise NaN.
-    member
-        (N,) index of the grasp of ``q`` in its family, in the order in which they are tried; 0 is the nominal grasp.
-    limit_margin
-        (N,) if FREE, distance of ``q`` from the limits: 1 in the middle of all ranges, 0 at a limit; otherwise NaN.
-    manipulability
-        (N,) sqrt(det(J J^T)) at ``q`` if FREE (Yoshikawa 1985; J mixes metres and radians).
-    clearance
-        (N,) smallest distance (m) between any two bodies at ``q`` if FREE and requested; otherwise NaN.
-    complete
-        Whether all configurations were enumerated in closed form. If so, a grasp that is not FREE is proven not to be;
-        otherwise a sweep or a search found no free configuration.
     """
 
-    names: Sequence[str]
-    joint_names: tuple[str, ...]
-    codes: npt.NDArray[np.int8]
-    q: Array
-    member: npt.NDArray[np.int64]
-    limit_margin: Array
-    manipulability: Array
-    clearance: Array
-    complete: bool
+    names: Sequence[str] = key("N names")
+    joint_names: tuple[str, ...] = key("the names of the joints of the arm")
+    codes: npt.NDArray[np.int8] = key(
+        "(N,) the statuses, as indices into ``ScreenStatus``; :attr:`status` has the members of the enumeration"
+    )
+    q: Array = key(
+        "(N, n) if FREE, the free configuration found with the largest manipulability; if in contact, one of the "
+        "configurations in contact; otherwise NaN"
+    )
+    member: npt.NDArray[np.int64] = key(
+        "(N,) index of the grasp of ``q`` in its family, in the order in which they are tried; 0 is the nominal grasp"
+    )
+    limit_margin: Array = key(
+        "(N,) if FREE, distance of ``q`` from the limits: 1 in the middle of all ranges, 0 at a limit; otherwise NaN"
+    )
+    manipulability: Array = key("(N,) sqrt(det(J J^T)) at ``q`` if FREE (Yoshikawa 1985; J mixes metres and radians)")
+    clearance: Array = key(
+        "(N,) smallest distance (m) between any two bodies at ``q`` if FREE and requested; otherwise NaN"
+    )
+    complete: bool = key(
+        "whether all configurations were enumerated in closed form. If so, a grasp that is not FREE is proven not "
+        "to be; otherwise a sweep or a search found no free configuration"
+    )
     _reason: Callable[[int], str] = field(repr=False)
 
     formats = (".csv",)

@@ -941,7 +941,7 @@ def _documented(cls: Any) -> tuple[str, str]:
     for each in fields(cls):
         if own := each.metadata.get("declared"):
             text = re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", own.text)  # links of the manual
-            text = re.sub(r"(?<![:`])`([^`]+)`(?!`)", r"``\1``", text)
+            text = re.sub(r"(:\w+:`[^`]*`|``[^`]*``)|`([^`]+)`", lambda code: code[1] or f"``{code[2]}``", text)
             text = f"{own.unit}: {text}" if own.unit else text[:1].upper() + text[1:]
             lines += [each.name, f"    {text}{'' if text.endswith('.') else '.'}"]
     return about, "\n".join([*lines, *(f"\n{section}" for section in sections)])

@@ -38,7 +38,6 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import require_number
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import MEET_TOLERANCE, ends_meet
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import (
     CLOCK,
@@ -170,15 +169,9 @@ class MotionProgram(Shown):
                     f"second starts at {after.start} s"
                 )
             one, other = before.trajectory, after.trajectory
-            if one.interpolant != other.interpolant:
-                raise InputError(f"{between} are a {one.interpolant} and a {other.interpolant} curve")
-            ends_meet(one, other, between)
+            other.refuse_gap_after(one, between)
             if end in dwells and (one.velocities[-1].any() or other.velocities[0].any()):
                 raise InputError(f"{between}: the arm does not rest at the event between them")
-            for kind in RATES:
-                final, first = getattr(one, kind), getattr(other, kind)
-                if final is not None and np.abs(final[-1] - first[0]).max() > MEET_TOLERANCE:
-                    raise InputError(f"{between}: the {kind} differ where they meet")
 
     @property
     def joint_names(self) -> tuple[str, ...]:

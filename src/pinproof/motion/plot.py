@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,9 @@ from pinproof.errors import InputError
 from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
 from pinproof.spatial import Array, finite
+
+if TYPE_CHECKING:
+    from pinproof.motion.rate_limits import RateConstraint  # it imports trajectories, which are plotted
 
 # Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical.
 SAMPLES = 12
@@ -30,17 +33,6 @@ QUANTITIES = (
 
 # Largest number of joints that the legend names.
 LEGEND_ROWS = 14
-
-
-class DrawnConstraint(Protocol):
-    """A :class:`~pinproof.motion.RateConstraint`."""
-
-    @property
-    def name(self) -> str:
-        """The title of the panel."""
-
-    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
-        """(N, m) alpha, beta, gamma and the bound."""
 
 
 @described(eq=False)
@@ -72,7 +64,7 @@ def plot_trajectory(
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    rate_limits: Sequence[DrawnConstraint] = (),
+    rate_limits: Sequence[RateConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
     from matplotlib.figure import Figure
@@ -103,7 +95,7 @@ def panels_of(
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    rate_limits: Sequence[DrawnConstraint] = (),
+    rate_limits: Sequence[RateConstraint] = (),
     samples: int = SAMPLES,
 ) -> tuple[Array, list[Panel]]:
     """(N,) times and the panels of a plot, with this number of samples of each piece; see :meth:`Trajectory.plot`."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +22,14 @@ from pinproof.motion.curve import MEET_TOLERANCE, Bezier, BezierCurve, checked_j
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.dialects.dialect import Blend, StreamedTrajectory
 from pinproof.motion.limits import MotionLimits
-from pinproof.motion.plot import DrawnConstraint, plot_trajectory
+from pinproof.motion.plot import plot_trajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
-from pinproof.motion.trajectory_files import LONGEST, NANO, Certified, MotionRecord, seconds, whole_nanoseconds
+from pinproof.motion.trajectory_files import LONGEST, NANO, RATES, Certified, MotionRecord, seconds, whole_nanoseconds
 from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
+
+if TYPE_CHECKING:
+    from pinproof.motion.rate_limits import RateConstraint
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -136,17 +139,7 @@ class Trajectory(BezierCurve, Shown):
         if len(parts) == 1 and not parts[0].certified:
             return parts[0]
         for i, (first, second) in enumerate(pairwise(parts)):
-            ends_meet(first, second, f"parts {i} and {i + 1}")
-            if first.interpolant != second.interpolant:
-                raise InputError(
-                    f"parts {i} and {i + 1} are a {first.interpolant} and a {second.interpolant} curve; time both with "
-                    "or both without a jerk limit"
-                )
-            for kind in ("velocities", "accelerations"):
-                before, after = getattr(first, kind), getattr(second, kind)
-                if before is not None and (jump := np.abs(after[0] - before[-1])).max() > MEET_TOLERANCE:
-                    name = first.joint_names[int(jump.argmax())]
-                    raise InputError(f"parts {i} and {i + 1} have different {kind} of joint {name!r} at the connection")
+            second.refuse_gap_after(first, f"parts {i} and {i + 1}")
         times_ns, start = [whole_nanoseconds(parts[0].times)], 0
         for previous, part in pairwise(parts):
             start += int(whole_nanoseconds(previous.times)[-1])
@@ -160,6 +153,18 @@ class Trajectory(BezierCurve, Shown):
         accelerations = rates[0] if rates else None
         times = seconds(np.concatenate(times_ns))
         return cls(times, q, velocities, parts[0].joint_names, note, accelerations=accelerations)
+
+    def refuse_gap_after(self, before: Trajectory, where: str) -> None:
+        """Raise InputError unless the motion continues another one without a jump; ``where`` names both."""
+        ends_meet(before, self, where)
+        if before.interpolant != self.interpolant:
+            both = f"a {before.interpolant} and a {self.interpolant} curve"
+            raise InputError(f"{where} are {both}; time both with or both without a jerk limit")
+        for kind in RATES:
+            last, first = getattr(before, kind), getattr(self, kind)
+            if last is not None and (jump := np.abs(first[0] - last[-1])).max() > MEET_TOLERANCE:
+                name = self.joint_names[int(jump.argmax())]
+                raise InputError(f"{where} have different {kind} of joint {name!r} at the connection")
 
     def split(self, time: float) -> tuple[Trajectory, Trajectory]:
         """The parts before and after a point at which the motion rests; :meth:`join` restores the trajectory exactly.
@@ -465,7 +470,7 @@ class Trajectory(BezierCurve, Shown):
         limits: MotionLimits | None = None,
         *,
         jerk: npt.ArrayLike | None = None,
-        rate_limits: Sequence[DrawnConstraint] = (),
+        rate_limits: Sequence[RateConstraint] = (),
     ) -> Any:
         """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
 

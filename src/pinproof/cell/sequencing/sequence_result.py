@@ -256,12 +256,13 @@ class SequenceResult(Answer, Saved, Written):
 
     def _view(self) -> View:
         rows: list[tuple[object, ...]] = []
-        for step in self.steps:
+        for number, step in enumerate(self.steps, start=1):
             phases = ", ".join(f"{phase.name} {phase.duration:.2f} s" for phase in step.phases)
-            rows.append((step.pick.name, step.start, step.duration, phases))
-        rows += [(pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
-        lines = (f"{step.start:.2f} s {step.pick.name}: {step.duration:.2f} s" for step in self.steps)
-        table = Rows(("pick", "start [s]", "duration [s]", "phases"), rows)
+            rows.append((number, step.name, f"{step.start:.2f} s", f"{step.duration:.2f} s", phases, step.limited_by))
+        rows += [("", pick.name, "", "", "", f"left out: {pick.reason}") for pick in self.left_out]
+        lines = (f"{step.start:.2f} s {step.name}: {step.duration:.2f} s" for step in self.steps)
+        columns = ("", "pick", "start", "duration", "phases", "limited by")
+        table = Rows(columns, rows, numbers={"", "start", "duration"})
         return View(self.message, [table], lines, len(self.steps))
 
     def to_text(self) -> str:
@@ -415,14 +416,8 @@ class SequenceResult(Answer, Saved, Written):
         return csv_text(COLUMNS, [*rows, *(("", pick.name, *blank, pick.reason) for pick in self.left_out)])
 
     def to_markdown(self) -> str:
-        """The result in one line, and a table of the picks."""
-        rows: list[tuple[object, ...]] = [
-            (number, step.name, f"{step.start:.2f} s", f"{step.duration:.2f} s", step.limited_by)
-            for number, step in enumerate(self.steps, start=1)
-        ]
-        rows += [("", pick.name, "", "", f"left out: {pick.reason}") for pick in self.left_out]
-        table = Rows(("", "pick", "start", "duration", "limited by"), rows, numbers={"", "start", "duration"})
-        return markdown(f"# Sequence of {self.robot}", self.message, table)
+        """The result in one line, and the table of the picks that is shown."""
+        return markdown(f"# Sequence of {self.robot}", super().to_markdown().rstrip())
 
     def save(self, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None) -> None:
         """Write the sequence as JSON, CSV, Markdown, or as a page (.html) that opens offline in any browser.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,6 @@ from pinproof.errors import InputError
 from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
 from pinproof.spatial import Array, finite
-
-if TYPE_CHECKING:
-    from pinproof.motion.rate_limits import RateConstraint  # it imports trajectories, which are plotted
 
 # Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical.
 SAMPLES = 12
@@ -33,6 +30,17 @@ QUANTITIES = (
 
 # Largest number of joints that the legend names.
 LEGEND_ROWS = 14
+
+
+class DrawnConstraint(Protocol):
+    """A :class:`~pinproof.motion.RateConstraint`."""
+
+    @property
+    def name(self) -> str:
+        """The title of the panel."""
+
+    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
+        """(N, m) alpha, beta, gamma and the bound."""
 
 
 @described(eq=False)
@@ -64,7 +72,7 @@ def plot_trajectory(
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    rate_limits: Sequence[RateConstraint] = (),
+    rate_limits: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
     from matplotlib.figure import Figure
@@ -95,7 +103,7 @@ def panels_of(
     limits: MotionLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    rate_limits: Sequence[RateConstraint] = (),
+    rate_limits: Sequence[DrawnConstraint] = (),
     samples: int = SAMPLES,
 ) -> tuple[Array, list[Panel]]:
     """(N,) times and the panels of a plot, with this number of samples of each piece; see :meth:`Trajectory.plot`."""

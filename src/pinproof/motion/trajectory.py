@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,14 +22,11 @@ from pinproof.motion.curve import MEET_TOLERANCE, Bezier, BezierCurve, checked_j
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.dialects.dialect import Blend, StreamedTrajectory
 from pinproof.motion.limits import MotionLimits
-from pinproof.motion.plot import plot_trajectory
+from pinproof.motion.plot import DrawnConstraint, plot_trajectory
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.trajectory_files import LONGEST, NANO, RATES, Certified, MotionRecord, seconds, whole_nanoseconds
 from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
-
-if TYPE_CHECKING:
-    from pinproof.motion.rate_limits import RateConstraint
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -470,7 +467,7 @@ class Trajectory(BezierCurve, Shown):
         limits: MotionLimits | None = None,
         *,
         jerk: npt.ArrayLike | None = None,
-        rate_limits: Sequence[RateConstraint] = (),
+        rate_limits: Sequence[DrawnConstraint] = (),
     ) -> Any:
         """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
 

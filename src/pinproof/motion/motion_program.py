@@ -169,9 +169,9 @@ class MotionProgram(Shown):
                     f"second starts at {after.start} s"
                 )
             one, other = before.trajectory, after.trajectory
-            other.refuse_gap_after(one, between)
             if end in dwells and (one.velocities[-1].any() or other.velocities[0].any()):
                 raise InputError(f"{between}: the arm does not rest at the event between them")
+            other.refuse_gap_after(one, between)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -252,8 +253,8 @@ def test_no_suggestion_is_made_without_a_budget(arm) -> None:
 
 def test_a_change_that_cannot_be_good_is_not_judged_and_not_good_when_it_is_tried_again() -> None:
     judged: list[str] = []
-    trials = suggest._Trials(lambda pick: judged.append(pick), Stage.GRASP, 3, lambda pick: False)
-    change = suggest.Change(ShiftSuggestion(by=(0, 0, 10)), PICK, 10.0)
+    trials = suggest._Trials(lambda pick: judged.append(pick), Stage.GRASP, 3, lambda pick: False, list)
+    change = suggest.Change(PICK, lambda: (ShiftSuggestion(by=(0, 0, 10)), None), 10.0)
     assert [trials.good(change), trials.good(change)] == [False, False]
     assert (judged, trials.best, trials.left) == ([], None, 3)
 
@@ -283,7 +284,7 @@ def test_the_first_length_whose_line_is_possible_is_judged_and_then_longer_ones(
 
     monkeypatch.setattr(suggest, "line_out", line_out)
     attempt = Attempt(None, np.zeros(6), fraction=0.606)
-    trials = suggest._Trials(verdict, Stage.RETREAT, 10, lambda other: True)
+    trials = suggest._Trials(verdict, Stage.RETREAT, 10, lambda other: True, list)
     suggestion = suggest._shorter(task, pick, Stage.RETREAT, attempt, trials)
     np.testing.assert_allclose(planned, [0.048, 0.042])
     assert seen == judged
@@ -297,11 +298,14 @@ def test_a_small_budget_is_spent_on_a_few_distances_first_and_then_below_the_goo
         seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
         return verdict_on(other, good=seen[-1] >= 13)
 
+    def moved(mm: float) -> tuple[ShiftSuggestion, None]:
+        return ShiftSuggestion(by=(mm, 0, 0)), None
+
     changes = [
-        suggest.Change(ShiftSuggestion(by=(mm, 0, 0)), PICK, float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES)
+        suggest.Change(PICK, partial(moved, mm), float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES)
         for mm in DISTANCES
     ]
-    found = suggest._nearest(changes, suggest._Trials(verdict, Stage.GRASP, 7, lambda other: True))
+    found = suggest._Trials(verdict, Stage.GRASP, 7, lambda other: True, list).nearest(changes)
     assert found == ShiftSuggestion(by=(15, 0, 0))
     assert seen[:2] == [5, 20]
     assert len(seen) <= 7
@@ -317,13 +321,13 @@ def test_turns_about_the_approach_and_tilts_about_both_other_axes_are_candidates
     candidates: list[suggest.Change] = []
     monkeypatch.setattr(suggest, "_screened", lambda task, changes, **_: candidates.extend(changes) or [])
     suggest.suggest(task, pick, StageResult(Stage.GRASP, False, ""), None, None)
-    turned = [change for change in candidates if isinstance(change.suggestion, TurnSuggestion)]
-    turns = {(int(np.argmax(change.suggestion.axis)), change.suggestion.degrees) for change in turned}
+    turned = [change for change in candidates if isinstance(change.made[0], TurnSuggestion)]
+    turns = {(int(np.argmax(change.made[0].axis)), change.made[0].degrees) for change in turned}
     about = {(main, sign * degrees) for degrees in TURNS for sign in (1, -1)} - {(main, -180)}
     across = {(axis, sign * degrees) for axis in {0, 1, 2} - {main} for degrees in TILTS for sign in (1, -1)}
     assert turns == about | across
-    early = {(change.suggestion.axis[main] != 0.0, change.size) for change in turned if change.early}
+    early = {(change.made[0].axis[main] != 0.0, change.size) for change in turned if change.early}
     assert early == {(True, size) for size in EARLY_TURNS} | {(False, size) for size in EARLY_TILTS}
     for change in turned:
         tilt = np.arccos(np.clip((change.pick.pose.rotation @ axis) @ (pick.pose.rotation @ axis), -1.0, 1.0))
-        assert np.degrees(tilt) == pytest.approx(0.0 if change.suggestion.axis[main] else change.size, abs=1e-4)
+        assert np.degrees(tilt) == pytest.approx(0.0 if change.made[0].axis[main] else change.size, abs=1e-4)

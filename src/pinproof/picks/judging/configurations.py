@@ -5,6 +5,8 @@ Arms with a closed form give every IK branch; for other arms a numerical search 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -38,6 +40,7 @@ SAMPLES, STARTS = 8, 64
 """Number of different configurations that the numerical search returns, and its number of starts."""
 
 
+@lru_cache(maxsize=16)
 def has_closed_form(arm: Arm, most: int = 6) -> bool:
     """Whether the closed form applies to an arm with at most ``most`` joints.
 

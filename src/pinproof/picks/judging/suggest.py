@@ -15,7 +15,6 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
@@ -212,34 +211,40 @@ SWEPT, SEARCHED = 8, 40
 """The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
 
 
-@dataclass(frozen=True, eq=False)
+class Shift(NamedTuple):
+    """A shift by (3,) mm and its length; those along one line share a direction."""
+
+    by: Array
+    size: float
+    direction: tuple[int, ...]
+    early: bool
+
+
+@dataclass(eq=False)  # frozen ones take three times as long to make, and a pick has 500
 class Change:
     """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
 
-    ``early`` marks the few candidates that are judged first if the budget is less than their number. If only the
-    positions of poses change, ``displacement`` has the displacements (3,) of the tip in the root frame (m), at the
-    grasp and at the release, and they are screened without the changed pick.
+    ``early`` marks the few candidates that are judged first if the budget is less than their number. Most candidates
+    are never looked at, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
+    it also returns the displacements (3,) of the tip in the root frame (m), at the grasp and at the release, and they
+    are screened without the changed pick.
     """
 
-    suggestion: Suggestion
     stated: Pick
+    make: Callable[[], tuple[Suggestion, tuple[Array, Array] | None]]
     size: float
     direction: tuple[int, ...] = ()
     early: bool = False
-    displacement: tuple[Array, Array] | None = None
+
+    @cached_property
+    def made(self) -> tuple[Suggestion, tuple[Array, Array] | None]:
+        """The suggestion and the displacements."""
+        return self.make()
 
     @cached_property
     def pick(self) -> Pick:
         """The changed pick."""
-        return self.suggestion.apply(self.stated)
-
-
-class Shift(NamedTuple):
-    """A shift by (3,) mm; those along one line share a direction."""
-
-    by: Array
-    direction: tuple[int, ...]
-    early: bool
+        return self.made[0].apply(self.stated)
 
 
 def _rotations(
@@ -250,12 +255,16 @@ def _rotations(
     early: Iterable[int],
 ) -> list[Change]:
     """The pick turned by angles (degrees) to either side about axes (3,) of the tip, each with its direction."""
-    changes = []
-    for degrees, (direction, axis), sign in product(sizes, axes, (1, -1)):
-        if sign * degrees != -180:
-            turn = TurnSuggestion.about(axis, float(sign * degrees), with_place=_keeps_place(task, pick))
-            changes.append(Change(turn, pick, float(degrees), (sign, *direction), degrees in early))
-    return changes
+    with_place = _keeps_place(task, pick)
+
+    def turned(axis: Array, degrees: float) -> tuple[Suggestion, None]:
+        return TurnSuggestion.about(axis, degrees, with_place=with_place), None
+
+    return [
+        Change(pick, partial(turned, axis, float(sign * size)), float(size), (sign, *direction), size in early)
+        for size, (direction, axis), sign in product(sizes, axes, (1, -1))
+        if sign * size != -180
+    ]
 
 
 def _keeps_place(task: PickTask, pick: Pick) -> bool:
@@ -264,40 +273,40 @@ def _keeps_place(task: PickTask, pick: Pick) -> bool:
 
 
 def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_place: bool) -> list[Change]:
-    """The pick, and its place with it if it keeps it, or its place alone, moved by shifts; each once, by length."""
-    place, nothing = pick.place, np.zeros(3)
+    """The pick, and its place with it if it keeps it, or its place alone, moved by shifts, by length."""
+    place, still, follows = pick.place, np.zeros(3), _keeps_place(task, pick)
     rotation = task.root_from(pick.frame).rotation
     place_rotation = np.eye(3) if place is None else task.root_from(place.frame).rotation
-    changes: dict[Suggestion, Change] = {}
-    for by, direction, early in shifts:
-        displacement: tuple[Array, Array] | None
+
+    def moved(by: Array) -> tuple[Suggestion, tuple[Array, Array] | None]:
         if place is not None and of_place:
-            suggestion = ShiftSuggestion(place_by=_printed(by), place_frame=place.frame)
-            displacement = nothing, place_rotation @ (np.array(suggestion.place_by) / 1e3)
-        elif place is not None and _keeps_place(task, pick):
+            place_by = _printed(by)
+            moves = still, place_rotation @ (np.array(place_by) / 1e3)
+            return ShiftSuggestion(place_by=place_by, place_frame=place.frame), moves
+        own = _printed(by)
+        move = rotation @ (np.array(own) / 1e3)
+        if place is not None and follows:
             place_by = _printed(place.pose.rotation @ pick.pose.rotation.T @ by)
-            suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame, place_by=place_by, place_frame=place.frame)
-            displacement = rotation @ (np.array(suggestion.by) / 1e3), place_rotation @ (np.array(place_by) / 1e3)
-        else:
-            suggestion = ShiftSuggestion(by=_printed(by), frame=pick.frame)
-            displacement = rotation @ (np.array(suggestion.by) / 1e3), nothing
-            if place is not None and place.pose_of != TIP:  # the pose of the tip at the release changes with the grasp
-                displacement = None
-        if suggestion not in changes:
-            size = math.sqrt(sum(x * x for x in by.tolist()))
-            changes[suggestion] = Change(suggestion, pick, size, direction, early, displacement)
-    return sorted(changes.values(), key=lambda change: change.size)
+            moves = move, place_rotation @ (np.array(place_by) / 1e3)
+            both = ShiftSuggestion(by=own, frame=pick.frame, place_by=place_by, place_frame=place.frame)
+            return both, moves
+        # The pose of the tip at the release may change with the grasp
+        changes_release = place is not None and place.pose_of != TIP
+        return ShiftSuggestion(by=own, frame=pick.frame), None if changes_release else (move, still)
+
+    changes = [Change(pick, partial(moved, shift.by), shift.size, shift.direction, shift.early) for shift in shifts]
+    return sorted(changes, key=lambda change: change.size)
 
 
 @cache
 def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
     """Shifts by whole millimetres along the axes and between them."""
     shifts = []
-    for distance in distances:
-        for direction in DIRECTIONS[:directions]:
-            along = np.array(direction, dtype=float)
-            by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
-            shifts.append(Shift(read_only(by), direction, distance in EARLY_DISTANCES and direction.count(0) == 2))
+    for distance, direction in product(distances, DIRECTIONS[:directions]):
+        along = np.array(direction, dtype=float)
+        by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
+        early = distance in EARLY_DISTANCES and direction.count(0) == 2
+        shifts.append(Shift(read_only(by), float(np.linalg.norm(by)), direction, early))
     return tuple(shifts)
 
 
@@ -324,14 +333,20 @@ ORDER = list(Stage)
 class _Trials:
     """Judges candidates, each at most once, within a budget; keeps the smallest good one and the smallest that helps.
 
-    ``possible`` is a cheap check that a candidate may be good; it has a separate, larger budget.
+    ``possible`` is a cheap check that a candidate may be good; it has a separate, larger budget. ``screen`` returns
+    those of many candidates that may be good.
     """
 
     def __init__(
-        self, judge: Callable[[Pick], PickVerdict], failed: Stage, budget: int, possible: Callable[[Pick], bool]
+        self,
+        judge: Callable[[Pick], PickVerdict],
+        failed: Stage,
+        budget: int,
+        possible: Callable[[Pick], bool],
+        screen: Callable[[list[Change]], list[Change]],
     ) -> None:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
-        self._possible, self._checks = possible, CHECKS * budget
+        self._possible, self._checks, self._screen = possible, CHECKS * budget, screen
         self._seen: dict[Suggestion, bool] = {}
         self.best: Change | None = None
         """The smallest good change so far."""
@@ -339,17 +354,18 @@ class _Trials:
 
     def good(self, candidate: Change) -> bool:
         """Whether the changed pick is good; also False if the budget is exhausted."""
-        if candidate.suggestion in self._seen:
-            return self._seen[candidate.suggestion]
+        suggestion = candidate.made[0]
+        if suggestion in self._seen:
+            return self._seen[suggestion]
         if self.left <= 0:
             return False
         if self._checks > 0 and not self._possible(candidate.pick):
             self._checks -= 1
-            self._seen[candidate.suggestion] = False
+            self._seen[suggestion] = False
             return False
         self.left -= 1
         verdict = self._judge(candidate.pick)
-        self._seen[candidate.suggestion] = verdict.ok
+        self._seen[suggestion] = verdict.ok
         if verdict.ok and (self.best is None or candidate.size < self.best.size):
             self.best = candidate
         helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
@@ -360,12 +376,50 @@ class _Trials:
     def suggestion(self) -> Suggestion | None:
         """The smallest good candidate, otherwise the smallest that helps; None if there is none."""
         if self.best is not None:
-            return self.best.suggestion
+            return self.best.made[0]
         if self._helps is None:
             return None
         candidate, stage = self._helps
         effect = f"passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
-        return replace(candidate.suggestion, effect=effect)
+        return replace(candidate.made[0], effect=effect)
+
+    def nearest(self, candidates: list[Change]) -> Suggestion | None:
+        """The suggestion of the smallest good candidate of those, ordered by size, that the budget allows to judge.
+
+        All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then
+        each direction is bisected below the best change found, and the rest of the budget is spent on the others by
+        size. Candidates are screened before, unless they are larger than a good one.
+        """
+        if len(candidates) > self.left:
+            for change in self._screen([change for change in candidates if change.early]):
+                if self.good(change):
+                    break
+        rest = self._screen([change for change in candidates if self.left > 0 and self._smaller(change)])
+        if self.best is not None:
+            for direction in dict.fromkeys([self.best.direction, *(change.direction for change in rest)]):
+                self.bisect([change for change in rest if change.direction == direction])
+        for change in rest:
+            if not self._smaller(change):
+                break
+            self.good(change)
+        return self.suggestion()
+
+    def bisect(self, line: list[Change]) -> None:
+        """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
+        line = [change for change in line if self._smaller(change)]
+        if not line:
+            return
+        low, high, best = -1, len(line), self.best
+        if best is not None and best.direction != line[0].direction:
+            if not self.good(line[-1]):
+                return
+            high -= 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if self.good(line[middle]) else (middle, high)
+
+    def _smaller(self, change: Change) -> bool:
+        return self.best is None or change.size < self.best.size
 
 
 @step(SUGGESTIONS)
@@ -392,8 +446,8 @@ def suggest(
         q = configurations(task.arm, task.targets([end]), task.cell.home, 0)[1]
         return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
-    def trials() -> _Trials:
-        return _Trials(judge, stage, budget, possible)
+    def trials(*, of_place: bool = False) -> _Trials:
+        return _Trials(judge, stage, budget, possible, partial(_screened, task, of_place=of_place))
 
     # A shorter line, or a retreat in another direction, if a line failed
     found: list[Suggestion | None] = []
@@ -401,16 +455,16 @@ def suggest(
         found.append(_shorter(task, pick, stage, attempt, trials()))
     if attempt is not None and stage is Stage.RETREAT and (pick.retreat_frame, pick.retreat_direction) != (ROOT, UP):
         upwards = trials()
-        upwards.good(Change(RetreatSuggestion(), pick, 0.0))
+        upwards.good(Change(pick, lambda: (RetreatSuggestion(), None), 0.0))
         found.append(upwards.suggestion())
     # Another place, another rotation, another tilt, another position
     if stage is Stage.PLACE and pick.place is not None:
-        found.append(_nearest_shift(task, pick, stage, trials(), of_place=True))
+        found.append(_nearest_shift(task, pick, stage, trials(of_place=True), of_place=True))
     axis = task.pick.axis_in(task.pick.pose)
     if not task.pick.spin.sampled:
-        found.append(_nearest(_screened(task, _rotations(task, pick, [((), axis)], TURNS, EARLY_TURNS)), trials()))
+        found.append(trials().nearest(_rotations(task, pick, [((), axis)], TURNS, EARLY_TURNS)))
     across = [((int(k),), np.eye(3)[k]) for k in np.delete(np.arange(3), int(np.argmax(np.abs(axis))))]
-    found.append(_nearest(_screened(task, _rotations(task, pick, across, TILTS, EARLY_TILTS)), trials()))
+    found.append(trials().nearest(_rotations(task, pick, across, TILTS, EARLY_TILTS)))
     found.append(_nearest_shift(task, pick, stage, trials(), of_place=False))
     return tuple(suggestion for suggestion in found if suggestion is not None)
 
@@ -432,7 +486,8 @@ def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials:
 
     def to_length(steps: int) -> Change:
         before, after = round(stated * 1e3, 2), round(steps * STEP * 1e3, 2)
-        return Change(LengthSuggestion(line=key, before=before, after=after), pick, stated - steps * STEP)
+        shorter = LengthSuggestion(line=key, before=before, after=after)
+        return Change(pick, lambda: (shorter, None), stated - steps * STEP)
 
     # The shortened line alone is possible; now the complete pick, and longer lines
     low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
@@ -451,7 +506,7 @@ def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = Fals
     changed (``of_place``), the grasp is not checked.
     """
     home = task.cell.home
-    tasks = {change: task if change.displacement else PickTask(change.pick, task.cell) for change in candidates}
+    tasks = {change: task if change.made[1] else PickTask(change.pick, task.cell) for change in candidates}
     if not of_place:
         owner, targets = _poses_of(task, tasks, "grasp")
         fractions = FRACTIONS if task.cell.closed_form and task.pick.approach > 0 else ()
@@ -462,11 +517,12 @@ def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = Fals
                 left = left[_rows_with_a_free(task.at_grasp, row, q)]
         kept = set(owner[left].tolist())
         tasks = {change: other for i, (change, other) in enumerate(tasks.items()) if i in kept}
-    if task.place is None:
+    if task.place is None or not tasks:
         return list(tasks)
     owner, targets = _poses_of(task, tasks, "release")
     row, _ = configurations(task.arm, targets(0.0), home, 0)
-    return [candidate for i, candidate in enumerate(tasks) if i in set(owner[row].tolist())]
+    kept = set(owner[row].tolist())
+    return [candidate for i, candidate in enumerate(tasks) if i in kept]
 
 
 def _rows_with_a_free(checker: CollisionChecker, row: Indices, q: Array) -> Indices:
@@ -491,7 +547,7 @@ def _poses_of(
     """
     owner = np.repeat(np.arange(len(changed)), [len(other.nearest_group) for other in changed.values()])
     rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
-    moves = [change.displacement[which == "release"] if change.displacement else still for change in changed]
+    moves = [still if change.made[1] is None else change.made[1][which == "release"] for change in changed]
     by = np.array([rotation @ move for move in moves]).reshape(-1, 3)[owner]
 
     def targets(share: float) -> Array:
@@ -507,32 +563,8 @@ def _poses_of(
     return owner, targets
 
 
-# -- search -----------------------------------------------------------------------------------------------------------
-
-
-def _nearest(candidates: list[Change], trials: _Trials) -> Suggestion | None:
-    """The suggestion of the smallest good candidate of those that the budget allows to judge.
-
-    All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
-    direction is bisected below the best change found, and the rest of the budget is spent on the others by size.
-    """
-    if len(candidates) > trials.left:
-        for change in candidates:
-            if change.early and trials.good(change):
-                break
-        directions = dict.fromkeys(change.direction for change in candidates)
-        first = [] if trials.best is None else [trials.best.direction]
-        for direction in [*first, *directions] if trials.best is not None else ():
-            _bisect([change for change in candidates if change.direction == direction], trials)
-    for change in candidates:
-        if trials.best is not None and change.size >= trials.best.size:
-            break
-        trials.good(change)
-    return trials.suggestion()
-
-
 def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *, of_place: bool) -> Suggestion | None:
-    """The result of :func:`_nearest` for shifts of the pick, or of its place, along the axes of its frame and between.
+    """The nearest good shift of the pick, or of its place, along the axes of its frame and between.
 
     They are bisected to whole millimetres along the direction of the best one. A pose that is out of reach, and a
     place, is also moved towards the nearest pose that is reached.
@@ -553,13 +585,14 @@ def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *,
         gap = task.arm.forward_kinematics(nearest.q).translation - here.translation
         gap = task.root_from(stated.frame).rotation.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
         largest = np.where(np.arange(3) == np.argmax(np.abs(gap)), gap, 0.0)
-        for line, part in enumerate((gap, gap * [1, 1, 0], largest)):
-            for stretch in STRETCHES:
-                by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
-                if by.any():
-                    shifts.append(Shift(by, (line,), stretch in EARLY_STRETCHES))
+        known = {tuple(shift.by.tolist()) for shift in shifts}
+        for (line, part), stretch in product(enumerate((gap, gap * [1, 1, 0], largest)), STRETCHES):
+            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
+            if by.any() and tuple(by.tolist()) not in known:
+                known.add(tuple(by.tolist()))
+                shifts.append(Shift(by, float(np.linalg.norm(by)), (line,), stretch in EARLY_STRETCHES))
     changes = partial(_shift_changes, task, pick, of_place=of_place)
-    _nearest(_screened(task, changes(shifts), of_place=of_place), trials)
+    trials.nearest(changes(shifts))
     # Whole millimetres below the best one, along its direction
     best = trials.best
     if best is not None and len(best.direction) == 3:  # a shift along a vector
@@ -570,20 +603,7 @@ def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *,
         last = round(best.size / float(np.linalg.norm(along)))
         first = max((step for step in steps if step < last), default=0) + 1
         trials.left = max(trials.left, REFINEMENTS)
-        _bisect(changes(Shift(step * along, best.direction, early=False) for step in range(first, last)), trials)
+        size = float(np.linalg.norm(along))
+        between = (Shift(step * along, step * size, best.direction, early=False) for step in range(first, last))
+        trials.bisect(changes(between))
     return trials.suggestion()
-
-
-def _bisect(line: list[Change], trials: _Trials) -> None:
-    """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
-    best = trials.best
-    line = [change for change in line if best is None or change.size < best.size]
-    if not line or (best is not None and best.direction != line[0].direction and not trials.good(line[-1])):
-        return
-    low, high = -1, len(line) - 1 if best is not None and best.direction != line[0].direction else len(line)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if trials.good(line[middle]):
-            high = middle
-        else:
-            low = middle

@@ -193,7 +193,7 @@ class PickTask:
         self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
         self.outside = cell.checker
         """The checker before the grasp, without an object that the pick states itself."""
-        self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
+        self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="") if pick.frame else pick
         self._stated_pose, self._stated_frame = pick.pose, pick.frame
         # The object and the supports exist under their names
         carried = pick.carried

@@ -426,6 +426,23 @@ def grip_by_tip(tip: SE3, part: HeldPart, along: Array, approach: float, limits:
     return GripResult(False, f"{words}; at most {_mm(limits.tip)} is allowed", tip_distance=distance)
 
 
+def too_far_to_hold(fingers: Sequence[MovingFinger], part: HeldPart, limits: GripLimits) -> bool:
+    """Whether distances alone show that closed fingers do not hold a part, in a twentieth of the time.
+
+    A closed finger farther from the part than both the allowed gap and the allowed depth does not touch it within
+    either: it would have to move by at least this distance, forwards or back, to meet the part. At least two fingers
+    must touch.
+    """
+    far = max(limits.gap, limits.depth) + 2 * TOUCH  # distances are exact to less than TOUCH
+    return sum(_distance(finger, finger.closed, part) > far for finger in fingers) > len(fingers) - 2
+
+
+def _distance(finger: MovingFinger, tcp_from_finger: SE3, part: HeldPart) -> float:
+    """The signed distance (m) of a finger at a pose from a part."""
+    placed = ((surface, tcp_from_finger * at) for surface, at in finger.surfaces)
+    return min(body_distance(surface, at, part.surface, part.pose) for surface, at in placed)
+
+
 def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Array, limits: GripLimits) -> GripResult:
     """Whether closed fingers hold a part; ``along`` (3,) is the direction in the tcp frame in which they extend."""
     paths = [_FingerPath(finger, part, along) for finger in fingers]
@@ -507,10 +524,7 @@ class _FingerPath:
         gap = min((start for _, start in self._bodies), default=np.inf)
         placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
         gap = min([gap, *(_earlier_contact(gap, surface, at, part, finger) for surface, at in placed)])
-        apart = [
-            min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
-            for place in (finger.open, finger.closed)
-        ]
+        apart = [_distance(finger, place, part) for place in (finger.open, finger.closed)]
         x, y, z = finger.direction.tolist()
         unknown = 0.0 if np.isinf(gap) else np.nan
         self.contact = FingerContact(finger.name, (x, y, z), unknown, unknown, gap, *apart)

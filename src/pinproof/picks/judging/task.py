@@ -27,6 +27,7 @@ from pinproof.picks.judging.grip import (
     grip_by_cup,
     grip_by_fingers,
     grip_by_tip,
+    too_far_to_hold,
 )
 from pinproof.picks.judging.hand import (
     BodyDepth,
@@ -328,7 +329,9 @@ class PickTask:
 
         # Fingers, cup or tip are where the part is
         part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
-        if cell.fingers:
+        if cell.trial and cell.fingers and too_far_to_hold(cell.fingers, part, limits):
+            grip = GripResult(held=False, message="the closed fingers do not reach the part")  # which nobody reads
+        elif cell.fingers:
             grip = grip_by_fingers(cell.fingers, part, along, limits)
         elif shared.cup is not None:
             grip = grip_by_cup(shared.cup, shared.tip, part)

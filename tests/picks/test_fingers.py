@@ -25,6 +25,7 @@ from pinproof.picks.judging.grip import (
     _hull,
     fingers_of,
     grip_by_fingers,
+    too_far_to_hold,
 )
 from pinproof.spatial import SE3
 
@@ -114,6 +115,21 @@ def test_rotating_fingers_hold_a_part_between_their_pads(pincer) -> None:
         part = HeldPart(block, pp.pose((0, 0, height)))
         result = grip_by_fingers(found, part, DIRECTION, GripLimits())
         assert result.held is held, result.message
+
+
+def test_distances_alone_refuse_only_fingers_that_do_not_hold_the_part(pincer) -> None:
+    """Blocks of widths around the one that is held, at poses around the middle, with random limits."""
+    found = fingers_of(pincer, None, {"left_joint": 0.25})
+    _, inner, height = bodies(pincer, 0.25)["left_pad"].act(np.array([0, 0, 0.02])) - [0, 0.006, 0]
+    rng, outcomes = np.random.default_rng(4), Counter[tuple[bool, bool]]()
+    for _ in range(60):
+        block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, 2 * inner + rng.uniform(-0.008, 0), 0.02)))
+        part = HeldPart(block, pp.pose((0, rng.uniform(-0.003, 0.003), height), (rng.uniform(-0.05, 0.05), 0, 0)))
+        limits = GripLimits(gap=rng.uniform(0, 0.003), depth=rng.uniform(0, 0.003), area=1e-7, overlap=1e-4)
+        held = grip_by_fingers(found, part, DIRECTION, limits).held
+        outcomes[held, too_far_to_hold(found, part, limits)] += 1
+    assert outcomes[True, True] == 0
+    assert min(outcomes[True, False], outcomes[False, True]) > 4
 
 
 @pytest.mark.parametrize("offset", [(0, 0, 0), (0.1, 0.2, 0.3), (-0.3, 0.05, -0.2)])

@@ -22,6 +22,7 @@ PAGES = sorted(
         DOCS / "index.md",
         DOCS / "dynamics.md",
         DOCS / "extending.md",
+        DOCS / "libraries.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )

@@ -22,10 +22,29 @@ from pinproof.description.cell import (
 from pinproof.description.dh import CONVENTIONS, DEFAULT_EFFORT, SUFFIXES, DhRow, DhTable
 from pinproof.description.dh_urdf import GENERATED_BODIES, GENERATED_MASSES, TCP, has_generated_bodies, urdf_of_table
 from pinproof.description.mesh_stl_obj_ply import positions, read_elements
-from pinproof.description.meshes import COLOURED_SUFFIXES, TriangleMesh, metres_per_unit, read_mesh, resolved, z_up
+from pinproof.description.meshes import (
+    COLOURED_SUFFIXES,
+    TriangleMesh,
+    mesh_of_file,
+    metres_per_unit,
+    read_mesh,
+    resolved,
+    stored_mesh,
+    z_up,
+)
 from pinproof.description.ros_files import MeshFile, locate
 from pinproof.description.srdf import DisabledPair, Srdf, read_srdf, srdf_text
-from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, moved_by, read_urdf, read_urdf_text
+from pinproof.description.urdf import (
+    JointType,
+    LinkGeometry,
+    Urdf,
+    UrdfJoint,
+    moved_by,
+    read_urdf,
+    read_urdf_text,
+    urdf_of,
+)
+from pinproof.description.xml_reader import add_joint, numbers_text, origin_attributes
 
 __all__ = [
     "CELL",
@@ -51,15 +70,19 @@ __all__ = [
     "TriangleMesh",
     "Urdf",
     "UrdfJoint",
+    "add_joint",
     "catalogue_names",
     "cell_srdf",
     "cell_urdf",
     "find_robot",
     "has_generated_bodies",
     "locate",
+    "mesh_of_file",
     "metres_per_unit",
     "moved_by",
     "notes",
+    "numbers_text",
+    "origin_attributes",
     "positions",
     "read_description",
     "read_elements",
@@ -70,6 +93,8 @@ __all__ = [
     "resolved",
     "robots_folder",
     "srdf_text",
+    "stored_mesh",
+    "urdf_of",
     "urdf_of_table",
     "urdf_with_axes",
     "with_movable_base",

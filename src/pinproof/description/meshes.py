@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
 import re
+import shutil
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.content_hash import cached, content_digest
-from pinproof.common.files import read_bytes, unknown_suffix
+from pinproof.common.content_hash import folder as cache_folder
+from pinproof.common.files import read_bytes, unknown_suffix, write_bytes_whole
 from pinproof.description.mesh_collada import read_collada
 from pinproof.description.mesh_gltf import external_files, read_gltf, with_second_root
 from pinproof.description.mesh_reading import REMEDY, Reading
@@ -174,6 +178,45 @@ def _load(path: Path) -> Reading:
     return Reading(arrays["vertices"], arrays["triangles"], float(arrays["unit"]))
 
 
+def mesh_of_file(path: str | Path, scale: tuple[float, float, float], model: Any) -> bool:
+    """Whether a BVHModel of coal has the triangles of a mesh file, up to single precision."""
+    try:
+        mesh = read_mesh(path, scale)
+        _refuse_difference(Path(path), Reading(mesh.vertices, mesh.triangles), model)
+    except MeshError:
+        return False
+    return True
+
+
+def stored_mesh(vertices: npt.NDArray[np.float64], triangles: npt.NDArray[np.int64]) -> Path:
+    """Write a mesh that has no file as PLY with all digits, to the folder of the cache or a temporary one.
+
+    The name is a hash of the content, so an equal mesh is written once.
+    """
+    corners = np.zeros(len(triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    corners["count"], corners["corners"] = 3, triangles
+    lines = [
+        "ply\nformat binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        f"element face {len(triangles)}",
+        "property list uchar int vertex_index\nend_header\n",
+    ]
+    content = "\n".join(lines).encode() + vertices.astype("<f8").tobytes() + corners.tobytes()
+    path = (cache_folder() or _temporary_folder()).resolve() / f"{content_digest(content)[:32]}.ply"
+    if not path.is_file():
+        write_bytes_whole(path, content)
+    return path
+
+
+@cache
+def _temporary_folder() -> Path:
+    """A folder that is removed when the process ends."""
+    folder = tempfile.mkdtemp(prefix="pinproof-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
 def compare_with_bytes(path: Path, data: bytes, reading: Reading) -> None:
     """Raise MeshError unless the corners are those in the bytes of a binary STL file, or if all triangles are flat."""
     rows = np.frombuffer(data, dtype=np.uint8, offset=84).reshape(-1, 50)
@@ -206,7 +249,7 @@ def compare_with_assimp(path: Path, kind: str, data: bytes, files: Mapping[str, 
     corners = reading.vertices[reading.triangles]
     if (corners == np.roll(corners, 1, axis=1)).all(axis=2).any(axis=1).all():
         raise MeshError(path, "is flat: every triangle has two equal corners")
-    with TemporaryDirectory(prefix="pinproof-") as folder:
+    with tempfile.TemporaryDirectory(prefix="pinproof-") as folder:
         copy = Path(folder) / f"mesh.{kind}"
         copy.write_bytes(with_second_root(data) if kind in ("glb", "gltf") else data)
         if kind == "obj":
@@ -222,6 +265,12 @@ def compare_with_assimp(path: Path, kind: str, data: bytes, files: Mapping[str, 
                 str(error).partition("message: ")[2].partition("Hint:")[0].replace(str(copy), path.name).split()
             )
             raise MeshError(path, f"assimp, which reads it for comparison, fails: {what or error}; {REMEDY}") from error
+    _refuse_difference(path, reading, model)
+
+
+def _refuse_difference(path: Path, reading: Reading, model: Any) -> None:
+    """Raise MeshError unless a BVHModel of coal has as many triangles with the same corners and the same volume."""
+    corners = reading.vertices[reading.triangles]
 
     def refused(what: str) -> MeshError:
         return MeshError(path, f"two readers disagree: {what}; {REMEDY}")

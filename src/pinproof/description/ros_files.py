@@ -12,7 +12,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ WORKSPACE_DEPTH = 4
 
 @dataclass(frozen=True)
 class MeshFile:
-    """The URI of a mesh in a URDF, its file (None if it was not found), and the paths that were tried."""
+    """The URI of a mesh in a URDF, its file (None if it was not found), and the paths that were tried until then."""
 
     uri: str
     path: Path | None
@@ -44,33 +44,28 @@ def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> 
     and in each package folder.
     """
     scheme, _, rest = uri.partition("://")
+    places: Iterable[Path]
     if scheme in ("package", "model"):
         # package:///P/rest is also common; without this the rest would be an absolute path.
         package, inside = _inside(rest)
-        candidates = [folder / inside for folder in _package_folders(package, urdf_folder, package_dirs)]
+        places = (folder / inside for folder in _package_folders(package, urdf_folder, package_dirs))
     elif scheme == "file" and rest:
-        candidates = [Path(unquote(rest))]
+        places = [Path(unquote(rest))]
     elif Path(uri).is_absolute():
-        candidates = [Path(uri)]
+        places = [Path(uri)]
     else:
-        candidates = [root / uri for root in [*([] if urdf_folder is None else [urdf_folder]), *package_dirs]]
-    for candidate in candidates:
-        if is_file(candidate):
-            return MeshFile(uri, candidate, tuple(candidates))
-    if scheme in ("package", "model"):
-        for folder in _workspace_packages(package):
-            candidates.append(folder / inside)
-            if is_file(candidates[-1]):
-                return MeshFile(uri, candidates[-1], tuple(candidates))
-    return MeshFile(uri, None, tuple(candidates))
+        places = [root / uri for root in [*([] if urdf_folder is None else [urdf_folder]), *package_dirs]]
+    tried = []
+    for place in places:
+        tried.append(place)
+        if is_file(place):
+            return MeshFile(uri, place, tuple(tried))
+    return MeshFile(uri, None, tuple(tried))
 
 
 def find_package(package: str, near: Path | None, package_dirs: Sequence[Path]) -> Path | None:
     """Return the folder of a ROS package, searched as by :func:`locate`, or None."""
-    for folder in _package_folders(package, near, package_dirs):
-        if folder.is_dir():
-            return folder
-    return next(_workspace_packages(package), None)
+    return next((folder for folder in _package_folders(package, near, package_dirs) if folder.is_dir()), None)
 
 
 def leaves_package(uri: str) -> bool:
@@ -106,17 +101,18 @@ def _inside(rest: str) -> tuple[str, str]:
     return package, inside.lstrip("/")
 
 
-def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Path]) -> list[Path]:
-    """Return the candidate folders of a package in order of preference, without searching in subfolders."""
-    roots = [*package_dirs, *([] if near is None else [near, *near.parents])]
-    folders = [root / package for root in roots]
-    if near is not None:  # the folder of a package may have another name
-        folders += [parent for parent in (near, *near.parents) if _is_package(parent, package)]
+def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Path]) -> Iterator[Path]:
+    """Return the candidate folders of a package in order of preference; the slower searches come last."""
+    above = [] if near is None else [near, *near.parents]
+    yield from (root / package for root in (*package_dirs, *above))
+    # the folder of a package may have another name
+    yield from (parent for parent in above if _is_package(parent, package))
     for entry in _paths("ROS_PACKAGE_PATH"):
-        folders += [entry / package, *([entry] if entry.name == package or _is_package(entry, package) else [])]
-    folders += [prefix / "share" / package for prefix in _paths("AMENT_PREFIX_PATH")]
+        yield from (entry / package, *([entry] if entry.name == package or _is_package(entry, package) else []))
+    yield from (prefix / "share" / package for prefix in _paths("AMENT_PREFIX_PATH"))
     share = example_robot_data()
-    return [*folders, *([] if share is None else [share / package])]
+    yield from ([] if share is None else [share / package])
+    yield from _workspace_packages(package)
 
 
 def _workspace_packages(package: str) -> Iterator[Path]:

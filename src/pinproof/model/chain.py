@@ -309,7 +309,7 @@ def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
     data = kind.createData()
     kind.calc(data, np.zeros(model.nq))  # it reads the entries of this joint in the configuration of the model
     subspace = np.asarray(data.S, dtype=float).ravel()
-    if kind.nq != 1 or subspace.shape != (6,):
+    if kind.nv != 1 or subspace.shape != (6,):
         raise InputError(f"joint {model.names[joint]!r} is a {kind.shortname()}; a chain has single-axis joints only")
     prismatic = not subspace[3:].any()
     return (subspace[:3] if prismatic else subspace[3:]), prismatic

@@ -10,12 +10,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.common.validation import require_type
+from pinproof.common.results import shortened
 from pinproof.description import (
     OVERLAP_REASON,
     TCP,
@@ -24,6 +25,7 @@ from pinproof.description import (
     DhTable,
     DisabledPair,
     Srdf,
+    Urdf,
     cell_srdf,
     cell_urdf,
     find_robot,
@@ -35,6 +37,7 @@ from pinproof.description import (
 from pinproof.description import SUFFIXES as TABLE_SUFFIXES
 from pinproof.errors import ConversionError, FileError, InputError, PinproofError, UrdfError
 from pinproof.model.chain import find_chain, held_values
+from pinproof.model.foreign import description_files, named_description, urdf_of_model, urdf_of_yourdfpy
 from pinproof.model.limits import JointLimits
 from pinproof.model.robot import PART, Arm, JointGroup, Robot
 from pinproof.spatial import Array, rigid
@@ -42,28 +45,45 @@ from pinproof.spatial import Array, rigid
 ROBOT_SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf", *TABLE_SUFFIXES)
 """Suffixes of the files that describe a robot."""
 
+SOURCES = (
+    "a name of the catalogue or of robot_descriptions, a path, the text of a URDF, a DhTable, a pinocchio.Model, a "
+    "yourdfpy.URDF or a module of robot_descriptions"
+)
+
+DESCRIPTION = "_description"
+"""The end of the names of robot_descriptions."""
+
 
 def load_robot(
-    source: str | Path | DhTable,
+    source: Any,
     *,
     srdf: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
+    geometry_model: Any = None,
 ) -> Robot:
-    """Load a robot by catalogue name, from a URDF, xacro or MJCF file, from URDF text, or from a DH table.
+    """Load a robot by name, from a file, a text or a table, or from an object of another library.
 
     Parameters
     ----------
     source
-        A name such as ``"ur5"``, the text of a URDF, a DH table, or a path that ends in ``.urdf``, ``.xacro``, ``.xml``
-        or ``.mjcf``, or in ``.yaml``, ``.yml`` or ``.csv`` for a DH table. The bodies of a DH table are generated
-        (:func:`pinproof.dh_to_urdf`), and its forward kinematics are verified.
+        A name such as ``"ur5"``; a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``, or in ``.yaml``,
+        ``.yml`` or ``.csv`` for a DH table; the text of a URDF; a :class:`pinproof.DhTable`, whose bodies are generated
+        (:func:`pinproof.dh_to_urdf`) and whose forward kinematics are verified; a ``pinocchio.Model``; a
+        ``yourdfpy.URDF``; or a description of the package robot_descriptions, as a module or by its name, such as
+        ``"ur10e_description"``.
+
+        A model may be built or changed by a program. Its joints must be revolute, continuous, prismatic or mimic joints
+        about any axis; the frames of its bodies, operational frames and sensors become links.
     srdf
-        An SRDF file. Default: that of the catalogue, none for a path or a table.
+        An SRDF file. Default: that of the catalogue or of robot_descriptions, else none.
     package_dirs
         Folders that contain ROS packages, searched first for ``package://`` meshes and ``$(find ...)`` in xacro.
     xacro_args
         Values for the ``<xacro:arg>`` elements of a xacro file.
+    geometry_model
+        The collision geometry of a ``pinocchio.Model``, a ``pinocchio.GeometryModel``. All its objects are checked,
+        also those that it disables. Meshes that differ from their files, or have none, are written to the cache.
 
     Raises
     ------
@@ -74,17 +94,13 @@ def load_robot(
     FileError
         If one of ``package_dirs`` is not a folder.
     InputError
-        If the file is a xacro file and the extra ``xacro`` is not installed, or xacro arguments are given for another
-        file.
+        If the source is of another type, an extra or a package that it needs is not installed, a joint or a geometry of
+        a model is not supported, or ``xacro_args`` or ``geometry_model`` is given for another source.
     """
-    require_type("source", source, str, PathLike, DhTable)
-    # a catalogue name is an alias of files
-    entry: CatalogueEntry | None = None
-    # XML begins with <, which no name of a robot or file does.
-    is_text = isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
-    if isinstance(source, str) and not is_text and not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source:
-        entry = find_robot(source)
-        source, srdf = entry.urdf, srdf or entry.srdf
+    if geometry_model is not None and not (
+        isinstance(source, pin.Model) and hasattr(geometry_model, "geometryObjects")
+    ):
+        raise InputError("geometry_model must be a pinocchio.GeometryModel, and the source a pinocchio.Model")
     # the packages in which meshes are searched
     if isinstance(package_dirs, (str, PathLike)):
         raise InputError(f"package_dirs must be a list of folders, such as [{str(package_dirs)!r}]")
@@ -92,21 +108,23 @@ def load_robot(
         if not Path(folder).is_dir():
             raise FileError(folder, "is not a folder; package_dirs must contain folders with ROS packages")
     folders = [Path(folder).absolute() for folder in package_dirs]
-    # the text of a URDF, then a DH table, then a file
-    if isinstance(source, str) and is_text:
+    # a name of the catalogue or of robot_descriptions, and a module of the latter, are aliases of files
+    entry: CatalogueEntry | None = None
+    if _is_name(source):
+        if source.endswith(DESCRIPTION):
+            source = named_description(source)
+        else:
+            entry = find_robot(source)
+            source, srdf = entry.urdf, srdf or entry.srdf
+    if (described := description_files(source)) is not None:
+        source, own_srdf, own_folders, own_arguments = described
+        srdf, folders = srdf or own_srdf, [*folders, *own_folders]
+        xacro_args = {**own_arguments, **(xacro_args or {})}
+    # what is not a file
+    if not isinstance(source, (str, PathLike)) or _is_text(source) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         if xacro_args:
-            raise InputError("xacro_args are valid for .xacro files only, not for the text of a URDF")
-        urdf = read_urdf_text(source.lstrip("\ufeff"), name="URDF text", package_dirs=folders)
-        return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
-    if isinstance(source, DhTable) or Path(source).suffix.lower() in TABLE_SUFFIXES:
-        table = source if isinstance(source, DhTable) else DhTable.load(source)
-        if xacro_args:
-            raise InputError(f"xacro_args are valid for .xacro files only, not for the DH table {table.name!r}")
-        text = urdf_of_table(table)
-        prove_urdf_equals_table(table, text)
-        path = None if isinstance(source, DhTable) else Path(source)
-        urdf = replace(read_urdf_text(text, name=f"URDF of {table.name}"), path=path)
-        return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf))
+            raise InputError(f"xacro_args are valid for .xacro files only, not for {shortened(repr(source), 80)}")
+        return Robot(_urdf_of(source, folders, geometry_model), Srdf() if srdf is None else read_srdf(srdf))
     path = Path(source)
     if path.suffix not in ROBOT_SUFFIXES:
         what = "is a folder" if path.is_dir() else "is not a robot description"
@@ -119,6 +137,37 @@ def load_robot(
     overlaps = tuple(DisabledPair(pair, OVERLAP_REASON) for pair in entry.overlaps)
     semantic = replace(semantic, disabled=(*semantic.disabled, *overlaps))
     return Robot(urdf, semantic, entry.tcp, entry.home, entry.base, entry.arms)
+
+
+def _is_name(source: Any) -> bool:
+    """Whether it is a name: files have a suffix or a folder."""
+    if not isinstance(source, str) or _is_text(source):
+        return False
+    return not source.lower().endswith(ROBOT_SUFFIXES) and "/" not in source
+
+
+def _is_text(source: Any) -> bool:
+    """Whether it is XML, which begins with <, as no name of a robot or file does."""
+    return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
+
+
+def _urdf_of(source: Any, folders: list[Path], geometry_model: Any) -> Urdf:
+    """The description in a text, an object of another library, or a DH table."""
+    if _is_text(source):
+        return read_urdf_text(source.lstrip("\ufeff"), name="URDF text", package_dirs=folders)
+    if isinstance(source, pin.Model):
+        return urdf_of_model(source, geometry_model)
+    if hasattr(source, "write_xml") and hasattr(source, "robot"):
+        return urdf_of_yourdfpy(source, folders)
+    if not isinstance(source, (str, PathLike, DhTable)):
+        wrapped = hasattr(source, "collision_model")  # a pinocchio.RobotWrapper
+        hint = "; write load_robot(x.model, geometry_model=x.collision_model)" if wrapped else ""
+        raise InputError(f"source must be {SOURCES}, not {type(source).__name__}{hint}")
+    table = source if isinstance(source, DhTable) else DhTable.load(Path(source))
+    text = urdf_of_table(table)
+    prove_urdf_equals_table(table, text)
+    path = None if isinstance(source, DhTable) else Path(source)
+    return replace(read_urdf_text(text, name=f"URDF of {table.name}"), path=path)
 
 
 # -- DH tables ---------------------------------------------------------------------------------------------------------

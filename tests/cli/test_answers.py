@@ -90,7 +90,7 @@ def test_plan_into_an_obstacle_names_it(run: Cli) -> None:
 def test_plan_and_certify_keep_the_tool_upright(run: Cli) -> None:
     goal, start = "1 -1.2 1.6 -1.97 -1.57 0.5", "-1 -1.2 1.6 -1.97 -1.57 0"
     made = run.json("plan", "ur5", "--start", start, "--goal", goal, "--upright", "5 deg", "-o", "motion.json")
-    (kept,) = made["constraints"]
+    (kept,) = made["certificate"]["constraints"]
     assert kept["tolerance"] == pytest.approx(np.radians(5))
     assert kept["largest_observed"] <= kept["largest_proven"] <= kept["tolerance"]
     certify = ("certify", "ur5", "motion.json", "--upright")

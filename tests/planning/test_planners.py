@@ -229,30 +229,3 @@ def test_motions_are_planned_by_any_planner(ur5, checker):
     motion = pp.plan(checker, START, GOAL, planner=ViaPoint(), budget=5).or_raise()
     assert motion.certificate.free
     assert pp.certify(motion.trajectory, checker).free
-
-
-# -- `pp.plan`: planned, shortened, timed and certified in one call, or the reason why there is no motion --------------
-
-
-def test_plan_is_a_certified_motion_between_the_configurations(ur5):
-    start, goal = ur5.home, ur5.home + np.array([0.8, 0.3, -0.3, 0.0, 0.2, 0.0])
-    found = pp.plan(pp.CollisionChecker(ur5), start, goal, budget=5, rate_limits=[pp.motion.TorqueLimits(ur5)])
-    assert found.or_raise() is found
-    assert found.certificate.free
-    np.testing.assert_allclose(found.trajectory.start, start, atol=1e-12)
-    np.testing.assert_allclose(found.trajectory.end, goal, atol=1e-12)
-    values = found.to_dict()
-    assert values["duration"] == found.trajectory.duration <= values["duration_of_path"]
-    assert len(values["torques"]) == ur5.dof
-    assert "optimised motion" in found.message
-    assert "largest torque" in found.to_text()
-
-
-def test_plan_without_a_path_states_the_reason(ur5):
-    wall = pp.Obstacle("wall", pp.Sphere(0.03), ur5.forward_kinematics(ur5.home))
-    found = pp.plan(pp.CollisionChecker(ur5, pp.Scene([wall])), ur5.home, ur5.home + 0.1)
-    assert (found.ok, found.to_dict()["status"]) == (False, "START_INVALID")
-    assert "wall" in found.to_text()
-    for read in (lambda: found.trajectory, lambda: found.certificate, found.or_raise):
-        with pytest.raises(pp.errors.PlanFailed, match="wall"):
-            read()

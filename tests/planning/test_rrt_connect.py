@@ -451,6 +451,13 @@ def test_a_ring_is_taken_off_a_peg(ring, side, by):
         assert np.abs(along[:, 0]).max() > 0.2  # off the end of the peg
 
 
+def test_a_pose_at_which_only_the_hulls_touch_is_reached(ring):
+    motion = pp.plan(checker_of(ring, peg(0.1)), BESIDE, ring.forward_kinematics(THREADED), budget=5).or_raise()
+    np.testing.assert_allclose(motion.trajectory.end, THREADED, atol=1e-6)
+    assert [pair.by for pair in motion.checker.finer] == ["several hulls"]
+    assert pp.certify(motion.trajectory, motion.checker).free
+
+
 def test_finer_bodies_are_checked_only_if_the_hulls_do_not_suffice_and_a_real_contact_is_named(ring):
     checker = checker_of(ring, peg(0.1))
     plan = QUICK.plan(checker, BESIDE, [THREADED, -BESIDE]).or_raise()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import MISSING, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -92,7 +92,13 @@ class PlanOptions:
 
 def plan(
     robot: Robot,
-    goal: str = option("Goal joint values in rad or m, or home.", MISSING, metavar="VALUES"),
+    goal: str | None = option("Goal joint values in rad or m, or home.", None, metavar="VALUES"),
+    xyz: str | None = option(
+        'Instead of --goal, the position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".',
+        None,
+        metavar="POSITION",
+    ),
+    rpy: str = option('Roll, pitch and yaw at --xyz in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
     start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
     output: Path | None = option("The motion file to write (.json, .csv).", None, "-o", "--output"),
     *,
@@ -104,12 +110,14 @@ def plan(
     setup: SetupOptions,
     as_json: Json = False,
 ) -> None:
-    """Plan, shorten, time and certify a motion between two configurations.
+    """Plan a certified motion from a configuration to another one, or to a pose, as short as the limits allow.
 
-    Exit code 1 if no collision-free motion is found and proven.
+    Exit code 1 if no collision-free motion is found and proven; the result states the evidence, and --html shows it.
 
-    Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
+    Example: pinproof plan ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0" --scene robots/ur5/scene.yaml -o motion.json
     """
+    if (goal is None) == (xyz is None):
+        raise InputError("state the goal either with --goal, as joint values, or with --xyz, as the pose of the tcp")
     check_output_files([output, html], [robot, *setup.files])
     jerk: float | Literal["limits"] | None = None  # "limits" selects the jerk limits of the arm
     if effort.jerk is not None:
@@ -119,29 +127,27 @@ def plan(
             raise InputError(f"--jerk must be a number or the word limits, not {effort.jerk!r}") from None
     arm = setup.arm(robot)
     limits, world = rates.limits(arm), setup.world()
-    ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
+    begin = parse_configuration(start, arm, "--start")
+    end = parse_configuration(goal, arm, "--goal") if xyz is None else setup.target(xyz, rpy)
     with progress_status("planning"):
         found = pp.plan(
             setup.checker(arm, world),
-            *ends,
+            begin,
+            end,
             planner=effort.planner,
             blend=effort.blend,
             jerk=jerk,
             rate_limits=limits,
-            constraints=upright.constraints(arm, ends[0]),
+            constraints=upright.constraints(arm, begin),
             rng=seed,
             budget=effort.optimise,
         )
-    # Files before the answer, so that "wrote" is true; a motion that is not proven is written too.
-    lines = [found.to_text()]
-    if found.optimised is not None:
-        if output is not None:
-            found.trajectory.save(output, certificate=found.certificate)
-        if html is not None:
-            drawn = pp.viewer.PlotLimits(arm.limits, arm.limits.jerk if jerk == "limits" else jerk, limits)
-            proof, attached = found.certificate, found.checker.attached
-            pp.write_html(html, arm, world, found.trajectory, certificate=proof, attached=attached, plot=drawn)
-        lines += written(output, html)
+    # Files before the answer, so that "wrote" is true; a motion that is not proven is no motion
+    if output is not None and found.ok:
+        found.trajectory.save(output, certificate=found.certificate)
+    if html is not None:
+        found.to_html(html)
+    lines = [found.to_text(), *written(output if found.ok else None, html)]
     print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok)
 
 

@@ -232,6 +232,13 @@ class SetupOptions(ChainOptions):
         """The input files."""
         return *super().files, self.scene, self.tool_of, self.attached
 
+    def target(self, xyz: str, rpy: str) -> SE3:
+        """base_from_tcp at which the tcp, or the tip of the tool if it has one, is at ``--xyz`` and ``--rpy``."""
+        angles = numbers(rpy, "--rpy", "roll pitch yaw")
+        refuse_degrees("--rpy", angles)
+        target = pp.pose(numbers(xyz, "--xyz", "x y z"), angles)
+        return target * self.attachments.tip.inverse() if self.has_tool else target
+
     @property
     def has_tool(self) -> bool:
         """Whether a file states what the tcp carries."""

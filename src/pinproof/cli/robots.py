@@ -25,7 +25,6 @@ from pinproof.cli.options import (
     link_names,
     method_names,
     note_limits,
-    numbers,
     option,
     parse_configuration,
     robot_names,
@@ -34,7 +33,6 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows
 from pinproof.errors import InputError, MeshError
 from pinproof.formats import FORMATS
-from pinproof.units import refuse_degrees
 
 
 def info(
@@ -232,16 +230,9 @@ def ik(
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in ("clik", "analytic") or task != "pose"):
         raise InputError("--all uses the method analytic and full poses; remove --method and --task")
-    angles = numbers(rpy, "--rpy", "roll pitch yaw")
-    refuse_degrees("--rpy", angles)
-    arm = setup.arm(robot)
-    target = pp.pose(numbers(xyz, "--xyz", "x y z") if xyz else (0.0, 0.0, 0.0), angles)
-    if setup.has_tool and not setup.attachments.tip.isIdentity():
-        if task != "pose":
-            raise InputError(
-                "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
-            )
-        target = target * setup.attachments.tip.inverse()
+    arm, target = setup.arm(robot), setup.target(xyz or "0 0 0", rpy)
+    if task != "pose" and setup.has_tool and not setup.attachments.tip.isIdentity():
+        raise InputError("--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file")
     # A margin without a scene applies between the links of the robot.
     accept = setup.checker(arm).is_free if setup.surrounds or setup.margin > 0.0 else None
     start = parse_configuration(q0, arm, "--q0")

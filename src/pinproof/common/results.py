@@ -289,7 +289,7 @@ class Solution(Generic[Value]):
         return value
 
     def __set__(self, result: Answer, value: Value | None) -> None:
-        result.__dict__[self._name] = value
+        result.__dict__[self._name] = None if isinstance(value, Solution) else value  # the default of a declared field
 
 
 def markdown(*parts: Any) -> str:

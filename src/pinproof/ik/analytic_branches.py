@@ -221,6 +221,11 @@ class IkBranches(IkAnswer):
         return not found.all_free_joints or (self.ok and self._families[1])
 
     @property
+    def outside(self) -> int:
+        """Number of solutions outside the limits, which are not among :attr:`branches`."""
+        return int(self._found.outside)
+
+    @property
     def redundant_joint(self) -> str | None:
         """The joint that is swept for an arm of seven joints, else None."""
         return None if self._plan.redundant is None else self.arm.joint_names[self._plan.redundant]

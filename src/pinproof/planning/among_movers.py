@@ -17,7 +17,6 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Mover, certify, with_movers
 from pinproof.common.results import Solution
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.description import moved_by
 from pinproof.errors import InputError
@@ -59,42 +59,27 @@ STATIC_PATHS = 3
 MOST_PROOFS = 30
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@described(eq=False, repr=False)
 class TimedPlanResult(PlanAnswer):
-    """A certified motion among movers, or the reason of the failure; result of :func:`plan_among_movers`.
+    """A certified motion among movers, or the reason of the failure; result of :func:`plan_among_movers`."""
 
-    Parameters
-    ----------
-    status
-        FOUND, or the reason of the failure.
-    trajectory
-        The motion, from rest to rest, if FOUND; else reading it raises :class:`pinproof.errors.PlanFailed`. Its time 0
-        is ``start_time``.
-    certificate
-        The FREE certificate of the motion among :attr:`movers`, if FOUND.
-    goal
-        The index of the goal that was reached, if FOUND.
-    message
-        The outcome and the remedy as text.
-    start_time
-        Seconds on the clock of the given movers.
-    movers
-        The movers as seen from the start, with which :func:`pinproof.certify` and audits check the motion.
-    waiting
-        Total time (s) that the arm waits.
-    samples
-        Number of random configurations.
-    """
-
-    status: PlanStatus
-    trajectory: Solution[Trajectory] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    goal: Solution[int] = Solution()
-    message: str = ""
-    start_time: float = 0.0
-    movers: tuple[Mover | Trajectory, ...] = ()
-    waiting: float = 0.0
-    samples: int = 0
+    status: PlanStatus = key("FOUND, or the reason of the failure")
+    trajectory: Solution[Trajectory] = key(
+        "the motion, from rest to rest, if FOUND; else reading it raises :class:`pinproof.errors.PlanFailed`. Its "
+        "time 0 is ``start_time``",
+        default=Solution(),
+    )
+    certificate: Solution[Certificate] = key(
+        "the FREE certificate of the motion among :attr:`movers`, if FOUND", default=Solution()
+    )
+    goal: Solution[int] = key("the index of the goal that was reached, if FOUND", default=Solution())
+    message: str = key("the outcome and the remedy as text", default="")
+    start_time: float = key("seconds on the clock of the given movers", default=0.0)
+    movers: tuple[Mover | Trajectory, ...] = key(
+        "the movers as seen from the start, with which :func:`pinproof.certify` and audits check the motion", default=()
+    )
+    waiting: float = key("total time (s) that the arm waits", default=0.0)
+    samples: int = key("number of random configurations", default=0)
 
 
 def plan_among_movers(

@@ -13,7 +13,7 @@ Kant, S. W. Zucker (1986), "Toward efficient trajectory planning: the path-veloc
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import permutations
 from typing import Literal
 
@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.common.results import Answer, Solution
+from pinproof.common.structs import described, key
 from pinproof.common.validation import Rng, require_positive, require_type
 from pinproof.errors import InputError, NoAnswer
 from pinproof.model import guess_mark
@@ -38,32 +39,24 @@ SLOWDOWNS = (1.0, 1.25, 1.5, 2.0, 3.0)
 MOST_ORDERED = 3
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class CoordinationResult(Answer):
-    """The motion of all arms; result of :func:`coordinate`.
+    """The motion of all arms; result of :func:`coordinate`."""
 
-    Parameters
-    ----------
-    certificate
-        The certificate of ``trajectory``, or of the motion with the last delays that were tried.
-    delays
-        Seconds by which each arm starts later, by name.
-    slowdowns
-        The factor of the duration of each arm's motion, by name: 1 or more.
-    message
-        The result as a sentence.
-    trajectory
-        The motion of the joint group; reading it raises :class:`pinproof.errors.NoAnswer` if no delays were found.
-    method
-        ``"prioritised"``, or ``"joint"`` if :func:`plan_arms` planned all arms in the space of all joints.
-    """
-
-    certificate: Certificate
-    delays: dict[str, float]
-    slowdowns: dict[str, float]
-    message: str
-    trajectory: Solution[Trajectory] = Solution()
-    method: Literal["joint", "prioritised"] = "prioritised"
+    certificate: Certificate = key(
+        "the certificate of ``trajectory``, or of the motion with the last delays that were tried"
+    )
+    delays: dict[str, float] = key("seconds by which each arm starts later, by name")
+    slowdowns: dict[str, float] = key("the factor of the duration of each arm's motion, by name: 1 or more")
+    message: str = key("the result as a sentence")
+    trajectory: Solution[Trajectory] = key(
+        "the motion of the joint group; reading it raises :class:`pinproof.errors.NoAnswer` if no delays were found",
+        default=Solution(),
+    )
+    method: Literal["joint", "prioritised"] = key(
+        '``"prioritised"``, or ``"joint"`` if :func:`plan_arms` planned all arms in the space of all joints',
+        default="prioritised",
+    )
 
     @property
     def ok(self) -> bool:

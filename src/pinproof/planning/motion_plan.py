@@ -1,52 +1,66 @@
-"""From a start and goals to a certified motion: a path is found, shortened and rounded, timed, and made shorter."""
+"""From a start and a goal to a certified motion in one call: IK, a path, a shorter and rounded one, and a timed one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, PathConstraint
-from pinproof.common.results import Answer, View
-from pinproof.errors import PlanFailed
-from pinproof.motion import RateConstraint, TorqueLimits, Trajectory
+from pinproof.collision import Certificate, CollisionChecker, Contact, PathConstraint, certify, check_constraints
+from pinproof.common.results import Answer, Solution, View
+from pinproof.common.structs import described, key
+from pinproof.common.validation import require_type
+from pinproof.errors import PlanFailed, TimingError
+from pinproof.model import JointLimits
+from pinproof.motion import Bounds, MotionLimits, RateConstraint, TorqueLimits, Trajectory, least_times
+from pinproof.planning.goals import Goal, GoalPose, Goals, least_invalid, prove, read_goals
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.plan_results import PlanResult
-from pinproof.planning.planners import Planner, planner_of
+from pinproof.planning.plan_results import Barrier, InvalidEnd, PlanResult, PlanStatus
+from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
+from pinproof.planning.problem import read_ends
+from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, simplify
+from pinproof.spatial import Array
+
+if TYPE_CHECKING:
+    from pinproof.viewer import LiveView
+
+# IK solutions whose time without obstacles is within this factor of the least are tried first.
+PROMISING = 1.3
+# Maximum number of IK solutions that are described if none is free.
+DESCRIBED = 64
+# Maximum number of goals that a page shows.
+GHOSTS = 4
+UNREACHABLE = PlanStatus.GOAL_UNREACHABLE
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class MotionPlan(Answer):
-    """A planned and certified motion, or the reason why none was found.
-
-    Parameters
-    ----------
-    planned
-        The path of the planner.
-    simplified
-        The shortened path; None without a path.
-    optimised
-        The timed and certified motion; None without a path.
-    torque_limits
-        The torque limits that were applied, if any.
-    budget
-        How many changes of the motion were tried.
-    """
+    """A planned and certified motion, or the reason why there is none."""
 
     failure = PlanFailed
-    planned: PlanResult
-    simplified: SimplifyResult | None = None
-    optimised: OptimiseResult | None = None
-    torque_limits: TorqueLimits | None = None
-    budget: int = 0
+    status: PlanStatus = key("FOUND if there is a motion that is proven FREE, else the reason")
+    planned: PlanResult = key("the path of the planner, or the evidence of its failure")
+    start: Array = key("(n,) the start")
+    goals: Array = key("(g, n) the configurations at which the motion may end, such as all IK solutions of a pose")
+    poses: tuple[GoalPose, ...] = key("what is known of each pose that was given as a goal", default=())
+    goal: Solution[int] = key("the index of the given goal at which the motion ends, if FOUND", default=Solution())
+    simplified: Solution[SimplifyResult] = key("the shortened path, if there is a path", default=Solution())
+    optimised: Solution[OptimiseResult] = key("the timed motion, if there is one", default=Solution())
+    limits: MotionLimits | None = key("the limits as given", default=None)
+    jerk: npt.ArrayLike | Literal["limits"] | None = key("the jerk limits as given", default=None)
+    rate_limits: tuple[RateConstraint, ...] = key("further limits of the motion, such as torques", default=())
+    budget: int = key("how many changes of the motion were tried", default=0)
+    reason: str = key("why there is no motion, if the path was not the reason", default="")
 
     @property
     def ok(self) -> bool:
         """Whether a motion was found that is proven FREE."""
-        return self.optimised is not None and self.optimised.certificate.free
+        return self.status is PlanStatus.FOUND
 
     @property
     def checker(self) -> CollisionChecker:
@@ -55,19 +69,43 @@ class MotionPlan(Answer):
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion; reading it raises :class:`pinproof.errors.NoAnswer` if no path was found."""
-        return self._motion().trajectory
+        """The motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
+        return self.optimised.trajectory
 
     @property
     def certificate(self) -> Certificate:
-        """The certificate of the motion; reading it raises :class:`pinproof.errors.NoAnswer` as for the motion."""
-        return self._motion().certificate
+        """The certificate of the motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
+        return self.optimised.certificate
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end; without a motion, reading it raises :class:`pinproof.errors.PlanFailed`."""
+        return self.trajectory.duration
+
+    @property
+    def invalid(self) -> tuple[InvalidEnd, ...]:
+        """Why the start, each goal or each IK solution is not valid: joints outside limits, bodies in contact."""
+        return self.planned.invalid
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts that are the reason of the failure: of the start, of the goals, at barriers, or on the path."""
+        return self.planned.contacts
+
+    @property
+    def barriers(self) -> tuple[Barrier, ...]:
+        """The values that joints cannot pass, if it is proven that no path exists."""
+        return self.planned.barriers
+
+    @property
+    def _torques(self) -> TorqueLimits | None:
+        return next((limit for limit in self.rate_limits if isinstance(limit, TorqueLimits)), None)
 
     @property
     def message(self) -> str:
-        """The length and the durations, or why no path was found."""
-        if self.simplified is None or self.optimised is None:
-            return self.planned.message
+        """The length and the durations, or why there is no motion."""
+        if self.reason or not self.planned.ok:
+            return self.reason or self.planned.message
         stops, best = self.simplified.stops, self.optimised
         length = f"path of length {self.simplified.path.length:.3g} rad"
         text = f"{length}, {stops} intermediate stop{'' if stops == 1 else 's'}, {best.duration_before:.2f} s"
@@ -75,95 +113,225 @@ class MotionPlan(Answer):
         return f"{text}, lower bound without obstacles {best.lower_bound:.2f} s ({best.trajectory.limits_note})"
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, the torques and the certificate as plain values for JSON."""
-        if self.simplified is None or self.optimised is None:
-            return {"ok": False, "status": self.planned.status.name, "message": self.message}
+        """The figures, the torques and the certificate, or the evidence of the failure, as plain values for JSON."""
+        outcome: dict[str, Any] = {"ok": self.ok, "status": self.status.name, "message": self.message}
+        motion = vars(self)["optimised"]
+        if motion is None:
+            outcome |= {name: [asdict(each) for each in getattr(self, name)] for name in ("invalid", "barriers")}
+            work = {name: getattr(self.planned, name) for name in ("nodes", "samples", "gap")}
+            return {**outcome, "poses": [pose.to_dict() for pose in self.poses], **work}
         figures = {
-            "ok": self.ok,
+            "goal": vars(self)["goal"],
             "stops": self.simplified.stops,
             "length": self.simplified.path.length,
-            "duration_of_path": self.optimised.duration_before,
-            "duration": self.optimised.duration,
-            "lower_bound": self.optimised.lower_bound,
+            "duration_of_path": motion.duration_before,
+            "duration": motion.duration,
+            "lower_bound": motion.lower_bound,
         }
-        torques = {} if self.torque_limits is None else self.torque_limits.report(self.trajectory)
-        return {**figures, **torques, **self.certificate.to_dict()}
+        torques = {} if self._torques is None else self._torques.report(self.trajectory)
+        return {**outcome, **figures, **torques, "certificate": self.certificate.to_dict()}
+
+    def save(self, path: str | Path) -> None:
+        """Write the motion as :meth:`Trajectory.save` does, and beside it its proof, for others to verify.
+
+        The proof of ``motion.json`` is ``motion.proof.json``: ``python -m pinproof.verifier motion.proof.json`` checks
+        it with NumPy only, and :func:`pinproof.verify_proof` compares it with the arm, the scene and the motion.
+
+        Raises
+        ------
+        PlanFailed
+            Without a motion that is proven FREE.
+        TrajectoryError, FileError
+            If a file cannot be written.
+        """
+        self.or_raise()
+        constraints = [proof.constraint for proof in self.certificate.constraints]
+        recorded = certify(self.trajectory, self.checker, constraints=constraints, record=True)
+        self.trajectory.save(path, certificate=self.certificate)
+        recorded.save(Path(path).with_suffix(".proof.json"))
+
+    def show(self, *, open_browser: bool = False) -> LiveView:
+        """Show the motion live in the browser; without a motion, the configuration that is the reason."""
+        from pinproof.viewer import show
+
+        arm, scene, motion, content = self._picture()
+        return show(arm, scene, motion, open_browser=open_browser, **content)
+
+    def to_html(self, path: str | Path) -> None:
+        """Write a page with the motion and its certificate; without a motion, the configuration that is the reason."""
+        from pinproof.viewer import PlotLimits, write_html
+
+        arm, scene, motion, content = self._picture()
+        bounds = Bounds.of(self.limits or arm.limits, arm.joint_names, self.jerk)
+        known = PlotLimits.of(arm) if self.limits is None else PlotLimits(self.limits)
+        plot = replace(known, jerk=bounds.jerk, rate_limits=self.rate_limits)
+        write_html(path, arm, scene, motion, plot=plot, **content)
+
+    def _picture(self) -> tuple[Any, Any, Trajectory | None, dict[str, Any]]:
+        """What :func:`pinproof.write_html` takes: arm, scene, motion and content."""
+        checker, motion = self.checker, vars(self)["optimised"]
+        shown: dict[str, Any] = {"attached": checker.attached}
+        if motion is not None:
+            return checker.group, checker.scene, motion.trajectory, {**shown, "certificate": motion.certificate}
+        # The configuration that shows the reason: in contact, at a barrier, nearest to a pose, or the start
+        q = self.start
+        if self.invalid:
+            q = least_invalid(self.invalid).q
+        elif self.barriers:
+            barrier = self.barriers[0]
+            q = np.where(np.array(checker.group.joint_names) == barrier.joint, barrier.value, q)
+        elif self.poses and self.poses[0].nearest is not None:
+            q = self.poses[0].nearest.q
+        frames = {f"goal {index}": checker.arm.root_from_base * pose.pose for index, pose in enumerate(self.poses)}
+        shown |= {"q": q, "frames": frames, "ghosts": self.goals[:GHOSTS], "title": self.status.value}
+        shown |= {"check": checker.check(q)} if self.contacts else {}
+        return checker.group, checker.scene, None, shown
 
     def _view(self) -> View:
-        if self.optimised is None:
-            return View(self.message)
-        torques = self.torque_limits
+        if vars(self)["optimised"] is None:
+            evidence = [*(pose.message for pose in self.poses), *(end.message for end in self.invalid)]
+            return View(f"{self.status.name}: {self.message}", [evidence])
+        torques = self._torques
         largest = [] if torques is None else [f"largest torque: {torques.largest(self.trajectory)}"]
         notes = () if torques is None else torques.notes
         lines = [*largest, str(self.certificate), *(f"note: {note}" for note in notes)]
         return View(self.message, [largest, self.trajectory, self.certificate], lines)
 
-    def _motion(self) -> OptimiseResult:
-        if self.optimised is None:
-            raise self.failure(self.message, self)
-        return self.optimised
-
 
 def plan(
     checker: CollisionChecker,
     start: npt.ArrayLike,
-    goals: npt.ArrayLike,
+    goal: Goal,
     *,
     planner: Planner | str | None = None,
-    blend: bool = True,
-    jerk: float | Literal["limits"] | None = None,
-    rate_limits: Sequence[RateConstraint] = (),
+    limits: MotionLimits | None = None,
+    jerk: npt.ArrayLike | Literal["limits"] | None = None,
     constraints: Sequence[PathConstraint] = (),
-    rng: int = 0,
+    rate_limits: Sequence[RateConstraint] = (),
+    blend: bool = True,
     budget: int = 600,
+    rng: int = 0,
 ) -> MotionPlan:
-    """Plan, shorten, time and certify a motion between configurations.
+    """Plan a motion from a configuration to a goal: collision-free by a proof, within all limits, and short.
+
+    A pose becomes its IK solutions, by the closed form if the arm has one. The planner connects the start with one of
+    them, its path is shortened and rounded, and :func:`optimise` makes a timed motion of it, which may end at another
+    one of the goals. The motion is certified.
 
     Parameters
     ----------
     checker
         The arm in its scene, with what it carries.
-    start, goals
-        (n,) and (n,) or (g, n) rad or m: the motion ends at one of the goals.
+    start
+        (n,) rad or m.
+    goal
+        A configuration (n,), several (g, n), a pose ``base_from_tcp`` as ``pin.SE3``, several poses, or
+        :class:`~pinproof.ik.IkBranches`. The motion ends at one of them.
     planner
-        Finds the path; by default :class:`pinproof.RrtConnect`.
+        Finds the path; by default :class:`pinproof.RrtConnect`. Any object with the method of
+        :class:`pinproof.planning.Planner`, or its name.
+    limits, jerk, rate_limits, constraints
+        What the motion must keep to, as for :func:`pinproof.optimise`. :class:`pinproof.JointLimits` replace those of
+        the arm; by default, the limits of the arm are used.
     blend
-        Whether corners are rounded; otherwise the arm stops at each.
-    jerk, rate_limits, constraints
-        What the motion must keep to beside the limits of the joints, as for :func:`pinproof.optimise`.
-    rng
-        The seed.
+        Whether the corners of the path are rounded.
     budget
         How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only timed.
+    rng
+        The seed.
+
+    Returns
+    -------
+    MotionPlan
+        With ``trajectory`` and ``certificate``; or with a status, a message, and the evidence: joints outside their
+        limits, bodies in contact, IK solutions, the proof that a pose is out of reach or the nearest configuration,
+        barriers, or the work of the search.
 
     Raises
     ------
     InputError
-        As :meth:`pinproof.RrtConnect.plan`, :func:`pinproof.simplify` and :func:`pinproof.optimise` do.
+        If a shape is wrong, a number is not finite, a setting is invalid, or the planner does not support the task.
     """
+    require_type("checker", checker, CollisionChecker)
+    if isinstance(limits, JointLimits):  # also of the positions; the certificate proves them
+        checker = checker.with_spec(replace(checker.spec, arm=checker.group.with_limits(limits)))
+    group, search = checker.group, planner_of(planner)
+    first = group.configuration(start, "start")
+    bounds = Bounds.of(group.limits if limits is None else limits, group.joint_names, jerk)
     torques = next((limit for limit in rate_limits if isinstance(limit, TorqueLimits)), None)
-    planned = planner_of(planner).plan(checker, start, goals, constraints=constraints, torque_limits=torques, rng=rng)
+    task: dict[str, Any] = {"constraints": constraints, "torque_limits": torques}
+    # A path to one of the goals
+    goals = read_goals(checker, first, goal, rng)
+    planned, goals, tried = _path(search, checker, first, goals, bounds, {**task, "rng": rng})
+    given: dict[str, Any] = {"limits": limits, "jerk": jerk, "rate_limits": tuple(rate_limits), "budget": budget}
+    result = MotionPlan(planned.status, planned, first, goals.q, goals.poses, **given)
     if not planned.ok:
-        return MotionPlan(planned)
-    # An end that is in collision only with coarse bodies has made the planner use tighter ones.
+        return result
+    # A shorter and rounded one; the checker has finer bodies if an end is in collision only with coarse ones
     checker = planned.checker
-    simplified = simplify(
-        planned.path,
-        checker,
-        rng=rng,
-        blend=blend,
-        constraints=constraints,
-        torque_limits=torques,
-        certificate=planned.certificate,
-    )
-    optimised = optimise(
-        simplified.path,
-        checker,
-        limits=checker.group.limits,
-        jerk=jerk,
-        rate_limits=rate_limits,
-        constraints=constraints,
-        rng=rng,
-        budget=budget,
-    )
-    return MotionPlan(planned, simplified, optimised, torques, budget)
+    simplified = simplify(planned.path, checker, rng=rng, blend=blend, certificate=planned.certificate, **task)
+    result = result.changed(simplified=simplified)
+    # A motion, which may end at another goal
+    many = goals.q if len(goals.q) > 1 else None
+    try:
+        optimised = optimise(
+            simplified.path,
+            checker,
+            limits=group.limits if limits is None else limits,
+            jerk=jerk,
+            goals=many,
+            rate_limits=rate_limits,
+            constraints=constraints,
+            rng=rng,
+            budget=budget,
+        )
+    except TimingError as error:
+        return result.changed(status=PlanStatus.NOT_TIMED, reason=str(error))
+    row = tried[planned.goal] if many is None or optimised.goal is None else optimised.goal
+    result = result.changed(optimised=optimised, goal=int(goals.of[row]))
+    if not optimised.certificate.free:
+        return result.changed(status=PlanStatus.NOT_PROVEN, goal=None, reason=optimised.certificate.message)
+    return result
+
+
+def _path(
+    search: RrtConnect | CertifiedPlanner,
+    checker: CollisionChecker,
+    start: Array,
+    goals: Goals,
+    bounds: Bounds,
+    task: dict[str, Any],
+) -> tuple[PlanResult, Goals, npt.NDArray[np.int64]]:
+    """The result of the planner, the goals at which the motion may end, and the rows of those the planner was given."""
+    if not goals.poses:
+        return search.plan(checker, start, goals.q, **task), goals, np.arange(len(goals.q))
+    # Those of the free IK solutions that are near in time first; if no path is found, all of them
+    if (free := np.flatnonzero(checker.is_free_batch(goals.q))).size:
+        goals = goals._replace(q=goals.q[free], of=goals.of[free])
+        seconds = least_times(goals.q - start, bounds)
+        near = np.flatnonzero(seconds <= PROMISING * seconds.min())
+        for rows in [near, np.arange(len(free))][len(near) == len(free) :]:
+            planned = search.plan(checker, start, goals.q[rows], **task)
+            if planned.ok or planned.status in (PlanStatus.START_INVALID, PlanStatus.CANCELLED):
+                break
+    else:
+        # With coarse bodies none is free: the planner tries finer ones, and describes the contacts
+        many = [pose.branches[:DESCRIBED] for pose in goals.poses]
+        of = np.repeat(np.arange(len(many)), [len(q) for q in many])
+        goals, rows = goals._replace(q=np.concatenate(many), of=of), np.arange(len(of))
+        if len(rows):
+            planned = search.plan(checker, start, goals.q, **task)
+        else:
+            constraints, torques = check_constraints(task["constraints"]), task["torque_limits"]
+            alone = read_ends(checker, start, start, turns=False, constraints=constraints, torque_limits=torques)
+            planned = alone if isinstance(alone, PlanResult) else PlanResult(UNREACHABLE, checker=checker)
+    # What is known of each pose
+    if planned.status in (PlanStatus.GOAL_INVALID, UNREACHABLE):
+        poses = []
+        for number, pose in enumerate(goals.poses):
+            ends = [end for end in planned.invalid if end.goal is not None and goals.of[rows[end.goal]] == number]
+            poses.append(prove(checker, replace(pose, invalid=tuple(ends))))
+        names = [f"goal pose {number}: " if len(poses) > 1 else "goal pose: " for number in range(len(poses))]
+        message = "; ".join(name + pose.message for name, pose in zip(names, poses, strict=True))
+        planned, goals = planned.changed(message=message), goals._replace(poses=tuple(poses))
+    return planned, goals, rows

@@ -11,8 +11,10 @@ import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
 from pinproof.common.results import Answer, Solution, View
+from pinproof.common.structs import described, key
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
+from pinproof.spatial import Array
 
 
 class LinearStatus(Enum):
@@ -32,32 +34,24 @@ class PlanStatus(Enum):
     FOUND = "a certified path was found"
     START_INVALID = "the start is in contact, outside the joint limits or violates a constraint"
     GOAL_INVALID = "every goal is in contact, outside the joint limits or violates a constraint"
+    GOAL_UNREACHABLE = "no configuration within the joint limits was found at any of the goal poses"
     IMPOSSIBLE = "no path exists: a joint cannot pass a value between the start and every goal"
     OUT_OF_BUDGET = "no path was found within the budget; one may exist"
-    NOT_PROVEN = "the planner returned a path that is not proven free from the start to a goal"
+    NOT_PROVEN = "the path or the motion that was found is not proven free from the start to a goal"
+    NOT_TIMED = "the path that was found cannot be timed within the limits"
     CANCELLED = "the progress callback requested to stop"
 
 
-@dataclass(frozen=True)
+@described()
 class PlanProgress:
-    """The progress of a search.
+    """The progress of a search."""
 
-    Parameters
-    ----------
-    nodes
-        Number of configurations in both trees.
-    samples
-        Number of random samples so far.
-    seconds
-        Time since the search began.
-    gap
-        Smallest distance (rad or m, Euclidean) measured between the trees; infinite before the first measurement.
-    """
-
-    nodes: int
-    samples: int
-    seconds: float
-    gap: float
+    nodes: int = key("number of configurations in both trees")
+    samples: int = key("number of random samples so far")
+    seconds: float = key("time since the search began")
+    gap: float = key(
+        "smallest distance (rad or m, Euclidean) measured between the trees; infinite before the first measurement"
+    )
 
 
 # A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED.
@@ -80,53 +74,78 @@ class PlanAnswer(Answer):
         return View(f"{self.status.name}: {self.message}", parts, title=self.message)
 
 
+@dataclass(frozen=True)
+class OutsideLimits:
+    """A joint whose ``value`` (rad or m) is not between its ``lower`` and ``upper`` limit."""
+
+    joint: str
+    value: float
+    lower: float
+    upper: float
+
+
+@described(eq=False)
+class InvalidEnd:
+    """Why the start or a goal is not valid."""
+
+    q: Array = key("(n,) the configuration")
+    goal: int | None = key("the index of the goal; None for the start")
+    limits: tuple[OutsideLimits, ...] = key("the joints outside their limits")
+    contacts: tuple[Contact, ...] = key("the bodies in contact, the deepest first")
+    message: str = key(
+        "all reasons as text: also constraints of the tcp that are violated, and torques that exceed their limits"
+    )
+
+
 @dataclass(frozen=True, eq=False)
+class Barrier:
+    """A value (rad or m) that a joint cannot pass, and the contact of bodies that only this joint moves."""
+
+    joint: str
+    value: float
+    contact: Contact
+
+    def __str__(self) -> str:
+        return f"{self.joint} cannot pass {self.value:.4g}, where {self.contact} at all values of the other joints"
+
+
+@described(eq=False)
 class PlanResult(PlanAnswer):
-    """The outcome of a plan. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
+    """The outcome of a plan. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`."""
 
-    Parameters
-    ----------
-    status
-        FOUND, or the reason of the failure.
-    path
-        The path from the start to the goal that was reached, if FOUND.
-    certificate
-        The FREE certificate of ``path``, if FOUND.
-    goal
-        The index of the goal that was reached, if FOUND.
-    message
-        The outcome and the remedy as text.
-    nodes
-        Number of configurations in both trees, or in the graph of the planner.
-    cut
-        Number of edges that were removed because they failed the proof, although their samples were free.
-    samples
-        Number of random samples.
-    seconds
-        Duration of the search.
-    gap
-        Smallest distance (rad or m, Euclidean) between the trees of the start and of the goals; 0 for a path, NaN
-        if there was no search.
-    contacts
-        The contacts of the start or of the goals if they are the reason of the failure.
-    checker
-        The checker for which the certificate holds. It is the given checker, or, if an end was in contact only because
-        of coarse bounding bodies, one with finer bodies for those pairs (:meth:`~pinproof.CollisionChecker.finer_at`).
-        Use it for later steps: shortcuts, blends, the certificate of the trajectory.
-    """
-
-    status: PlanStatus
-    path: Solution[JointPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    goal: Solution[int] = Solution()
-    message: str = ""
-    nodes: int = 0
-    cut: int = 0
-    samples: int = 0
-    seconds: float = 0.0
-    gap: float = np.nan
-    contacts: tuple[Contact, ...] = ()
-    checker: Solution[CollisionChecker] = Solution()
+    status: PlanStatus = key("FOUND, or the reason of the failure")
+    path: Solution[JointPath] = key(
+        "the path from the start to the goal that was reached, if FOUND", default=Solution()
+    )
+    certificate: Solution[Certificate] = key("the FREE certificate of ``path``, if FOUND", default=Solution())
+    goal: Solution[int] = key("the index of the goal that was reached, if FOUND", default=Solution())
+    message: str = key("the outcome and the remedy as text", default="")
+    nodes: int = key("number of configurations in both trees, or in the graph of the planner", default=0)
+    cut: int = key(
+        "number of edges that were removed because they failed the proof, although their samples were free", default=0
+    )
+    samples: int = key("number of random samples", default=0)
+    seconds: float = key("duration of the search", default=0.0)
+    gap: float = key(
+        "smallest distance (rad or m, Euclidean) between the trees of the start and of the goals; 0 for a path, NaN "
+        "if there was no search",
+        default=np.nan,
+    )
+    contacts: tuple[Contact, ...] = key(
+        "the contacts that are the reason of the failure: of the start, of the goals, at barriers, or on the path",
+        default=(),
+    )
+    invalid: tuple[InvalidEnd, ...] = key("why the start or each goal is not valid, if this is the reason", default=())
+    barriers: tuple[Barrier, ...] = key(
+        "the values that joints cannot pass, if it is proven that no path exists", default=()
+    )
+    checker: Solution[CollisionChecker] = key(
+        "the checker for which the certificate holds. It is the given checker, or, if an end was in contact only "
+        "because of coarse bounding bodies, one with finer bodies for those pairs "
+        "(:meth:`~pinproof.CollisionChecker.finer_at`). Use it for later steps: shortcuts, blends, the certificate of"
+        " the trajectory",
+        default=Solution(),
+    )
 
     def _view(self) -> View:
         path = self.path if self.ok else None
@@ -138,60 +157,50 @@ class PlanResult(PlanAnswer):
         return f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@described(eq=False, repr=False)
 class LinearPlanResult(PlanAnswer):
-    """A straight move of the tcp. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`.
+    """A straight move of the tcp. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`."""
 
-    Parameters
-    ----------
-    status
-        COMPLETE, or the reason why the move stops.
-    path
-        The joint curve, if COMPLETE.
-    certificate
-        The FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED.
-    fraction
-        The fraction of the line, 0 to 1, up to which the move is possible and proven free.
-    message
-        The outcome as text.
-    deviation, rotation_deviation
-        Upper bounds (m, rad) of the deviation of the tcp from the line, over all of ``path``; NaN without a path.
-    joints
-        The joints that are at their limits or would have to jump, if this stops the move.
-    """
-
-    status: LinearStatus
-    path: Solution[CubicPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    fraction: float = 0.0
-    message: str = ""
-    deviation: float = math.nan
-    rotation_deviation: float = math.nan
-    joints: tuple[str, ...] = ()
+    status: LinearStatus = key("COMPLETE, or the reason why the move stops")
+    path: Solution[CubicPath] = key("the joint curve, if COMPLETE", default=Solution())
+    certificate: Solution[Certificate] = key(
+        "the FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED",
+        default=Solution(),
+    )
+    fraction: float = key(
+        "the fraction of the line, 0 to 1, up to which the move is possible and proven free", default=0.0
+    )
+    message: str = key("the outcome as text", default="")
+    deviation: float = key(
+        "upper bounds (m, rad) of the deviation of the tcp from the line, over all of ``path``; NaN without a path",
+        default=math.nan,
+    )
+    rotation_deviation: float = key(
+        "upper bounds (m, rad) of the deviation of the tcp from the line, over all of ``path``; NaN without a path",
+        default=math.nan,
+    )
+    joints: tuple[str, ...] = key(
+        "the joints that are at their limits or would have to jump, if this stops the move", default=()
+    )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@described(eq=False, repr=False)
 class PosesPlanResult(PlanAnswer):
-    """A move of the tcp through a sequence of poses.
+    """A move of the tcp through a sequence of poses."""
 
-    Parameters
-    ----------
-    status, certificate, message, deviation, rotation_deviation, joints
-        As for a :class:`LinearPlanResult`.
-    path
-        The joint curve, with ``corners`` at which the arm stops, if COMPLETE.
-    fraction
-        The fraction of the path length up to which the move is possible and proven free.
-    reached
-        The index of the last pose that is reached, or passed if its corner is rounded; -1 if no pose is reached.
-    """
-
-    status: LinearStatus
-    path: Solution[BlendedPath] = Solution()
-    certificate: Solution[Certificate] = Solution()
-    fraction: float = 0.0
-    reached: int = -1
-    message: str = ""
-    deviation: float = math.nan
-    rotation_deviation: float = math.nan
-    joints: tuple[str, ...] = ()
+    status: LinearStatus = key("as for a :class:`LinearPlanResult`")
+    path: Solution[BlendedPath] = key(
+        "the joint curve, with ``corners`` at which the arm stops, if COMPLETE", default=Solution()
+    )
+    certificate: Solution[Certificate] = key("as for a :class:`LinearPlanResult`", default=Solution())
+    fraction: float = key(
+        "the fraction of the path length up to which the move is possible and proven free", default=0.0
+    )
+    reached: int = key(
+        "the index of the last pose that is reached, or passed if its corner is rounded; -1 if no pose is reached",
+        default=-1,
+    )
+    message: str = key("as for a :class:`LinearPlanResult`", default="")
+    deviation: float = key("as for a :class:`LinearPlanResult`", default=math.nan)
+    rotation_deviation: float = key("as for a :class:`LinearPlanResult`", default=math.nan)
+    joints: tuple[str, ...] = key("as for a :class:`LinearPlanResult`", default=())

@@ -12,17 +12,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import EdgeChecker, Manifold
-from pinproof.collision import CollisionChecker, Contact, PathConstraint, amount, overlap_hint
+from pinproof.collision import CollisionChecker, PathConstraint, amount, overlap_hint
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import AT_LIMIT, Arm, JointGroup
 from pinproof.motion import TorqueLimits
-from pinproof.planning.plan_results import PlanResult, PlanStatus
+from pinproof.planning.plan_results import Barrier, InvalidEnd, OutsideLimits, PlanResult, PlanStatus
 from pinproof.spatial import Array, finite
 
 # Default distance (m) in addition to the margin that samples must keep.
@@ -223,6 +224,17 @@ def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list
     return np.vstack([goals, every[order]]), [*range(len(goals)), *(index_of[k] for k in order.tolist())]
 
 
+def read_configurations(group: JointGroup, q: npt.ArrayLike, name: str) -> Array:
+    """(g, n) one configuration (n,) or several (g, n); InputError for anything else."""
+    try:
+        dimensions, size = np.ndim(q), np.size(q)
+    except ValueError as error:  # rows of different lengths
+        raise InputError(f"{name} must have the shape ({group.dof},) or (g, {group.dof}): {error}") from error
+    if size == 0:
+        raise InputError(f"{name} is empty; give at least one configuration")
+    return group.configuration(q, name)[None] if dimensions == 1 else finite(name, q, (None, group.dof))
+
+
 def read_ends(
     checker: CollisionChecker,
     start: npt.ArrayLike,
@@ -244,14 +256,7 @@ def read_ends(
     require_type("checker", checker, CollisionChecker)
     group = checker.group
     first = group.limits.snap(group.configuration(start, "start"))
-    try:
-        dimensions, size = np.ndim(goals), np.size(goals)
-    except ValueError as error:  # rows of different lengths
-        raise InputError(f"goals must have the shape ({group.dof},) or (g, {group.dof}): {error}") from error
-    if size == 0:
-        raise InputError("goals is empty; give at least one configuration")
-    many = group.configuration(goals, "goals")[None] if dimensions == 1 else finite("goals", goals, (None, group.dof))
-    given = group.limits.snap(many)
+    given = group.limits.snap(read_configurations(group, goals, "goals"))
     many, index_of = with_turns(group, first, given) if turns else (given, list(range(len(given))))
     outside = np.maximum(group.limits.lower - many, many - group.limits.upper).max(axis=1)
     inside = [excess <= 0.0 for excess in outside.tolist()]
@@ -269,10 +274,10 @@ def read_ends(
     if not violated and not checker.is_free_unchecked(first):
         checker = checker.finer_at(first)
     if violated or not checker.is_free_unchecked(first):
-        found = checker.check(first)
-        hint = overlap_hint(checker, first, found)
-        reason = "; ".join(filter(None, [*(violated or [str(found)]), hint]))
-        return _failed(PlanStatus.START_INVALID, f"the start is invalid: {reason}", checker, found.contacts)
+        end = _invalid_end(checker, first, None, violated)
+        hint = overlap_hint(checker, first, checker.check(first))
+        message = "; ".join(filter(None, [f"the start is invalid: {end.message}", hint]))
+        return _failed(PlanStatus.START_INVALID, message, checker, [end])
 
     def valid() -> list[int]:
         rows = np.flatnonzero(inside)
@@ -284,13 +289,16 @@ def read_ends(
             checker = checker.finer_at(goal)
         rows = valid()
     if not rows:
-        reasons = "; ".join(
-            f"goal {i}: {'; '.join(_violations(checker, q, constraints, torque_limits) or [str(checker.check(q))])}"
-            for i, q in enumerate(given[:MAX_REPORTED])
-        )
-        more = f"; and {len(given) - MAX_REPORTED} more" if len(given) > MAX_REPORTED else ""
-        contacts = tuple(contact for goal in given for contact in checker.check(goal).contacts)
-        return _failed(PlanStatus.GOAL_INVALID, f"no goal is valid: {reasons}{more}", checker, contacts)
+        ends = [
+            _invalid_end(checker, q, i, _violations(checker, q, constraints, torque_limits))
+            for i, q in enumerate(given)
+        ]
+        message = f"the goal is invalid: {ends[0].message}"
+        if len(ends) > 1:
+            reasons = "; ".join(f"goal {end.goal}: {end.message}" for end in ends[:MAX_REPORTED])
+            more = f"; and {len(ends) - MAX_REPORTED} more" if len(ends) > MAX_REPORTED else ""
+            message = f"no goal is valid: {reasons}{more}"
+        return _failed(PlanStatus.GOAL_INVALID, message, checker, ends)
     return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
 
 
@@ -303,23 +311,21 @@ def _violations(
     return [*found, heavy] if heavy else found
 
 
-def _failed(status: PlanStatus, message: str, checker: CollisionChecker, contacts: tuple[Contact, ...]) -> PlanResult:
-    return PlanResult(status, message=message, contacts=contacts, checker=checker)
+def _invalid_end(checker: CollisionChecker, q: Array, goal: int | None, violated: list[str]) -> InvalidEnd:
+    """The start or a goal q (n,) with what it violates and its contacts."""
+    group = checker.group
+    ranges = zip(group.joint_names, q.tolist(), group.limits.lower.tolist(), group.limits.upper.tolist(), strict=True)
+    outside = tuple(OutsideLimits(*each) for each in ranges if not each[2] <= each[1] <= each[3])
+    contacts = checker.check(q).contacts
+    return InvalidEnd(q, goal, outside, contacts, "; ".join([*violated, *map(str, contacts)]))
+
+
+def _failed(status: PlanStatus, message: str, checker: CollisionChecker, ends: list[InvalidEnd]) -> PlanResult:
+    contacts = tuple(contact for end in ends for contact in end.contacts)
+    return PlanResult(status, message=message, contacts=contacts, invalid=tuple(ends), checker=checker)
 
 
 # -- no path -----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Barrier:
-    """A value (rad or m) that a joint cannot pass, and the contact of bodies that only this joint moves."""
-
-    joint: str
-    value: float
-    contact: Contact
-
-    def __str__(self) -> str:
-        return f"{self.joint} cannot pass {self.value:.4g}, where {self.contact} at all values of the other joints"
 
 
 def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tuple[Barrier, ...]:
@@ -359,7 +365,9 @@ def find_barriers(checker: CollisionChecker, start: Array, goals: Array) -> tupl
     return () if reachable.any() else tuple(barriers)
 
 
-def no_path_message(barriers: Sequence[Barrier]) -> str:
-    """The message of a plan to goals behind these barriers."""
+def no_path(barriers: tuple[Barrier, ...]) -> dict[str, Any]:
+    """The fields of the result of a plan to goals behind these barriers."""
     remedy = "Move what collides, hold its joints at other values, or choose goals before this value"
-    return f"no path exists: {'; '.join(map(str, barriers))}. {remedy}"
+    message = f"no path exists: {'; '.join(map(str, barriers))}. {remedy}"
+    contacts = tuple(barrier.contact for barrier in barriers)
+    return {"status": PlanStatus.IMPOSSIBLE, "message": message, "contacts": contacts, "barriers": barriers}

@@ -34,7 +34,7 @@ from pinproof.planning.problem import (
     Ends,
     find_barriers,
     manifold_of,
-    no_path_message,
+    no_path,
     read_ends,
     sampling_box,
     with_turns,
@@ -309,7 +309,8 @@ class ConnectSearch:
         periodic = {self._checker.group.joint_names[k] for k in np.flatnonzero(self._checker.group.periodic)}
         shifted = not self._given.turns and self._has_other_turns()
         hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(barrier.joint for barrier in barriers) else ""
-        return self._result(PlanStatus.IMPOSSIBLE, no_path_message(barriers) + hint, gap=gap)
+        fields = no_path(barriers)
+        return self._result(**{**fields, "message": fields["message"] + hint}, gap=gap)
 
     def _out_of_budget(self, budget: str) -> PlanResult:
         if (result := self._blocked()) is not None:

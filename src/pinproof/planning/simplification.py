@@ -15,7 +15,6 @@ regions: a framework for pose-constrained manipulation planning", IJRR 30(12), 2
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +31,7 @@ from pinproof.collision import (
     require_curve,
 )
 from pinproof.common.results import Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.motion import REVERSAL, BlendedPath, CubicPath, JointPath, TorqueLimits, corner_distance, round_corner
@@ -67,30 +67,18 @@ PASSES = 40
 CONVERGED = 0.01
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class SimplifyResult(Shown):
-    """A shortened and smoothed path.
+    """A shortened and smoothed path."""
 
-    Parameters
-    ----------
-    path
-        A :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`.
-    certificate
-        The certificate of ``path``. It is FREE unless the given path itself is not free.
-    before
-        The certificate of the given path.
-    length_before, length_after
-        Euclidean lengths in joint space (radians and metres have equal weight).
-    message
-        The change in length and stops as text, with any curve that was rejected.
-    """
-
-    path: JointPath | BlendedPath
-    certificate: Certificate
-    before: Certificate
-    length_before: float
-    length_after: float
-    message: str
+    path: JointPath | BlendedPath = key(
+        "A :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`"
+    )
+    certificate: Certificate = key("the certificate of ``path``. It is FREE unless the given path itself is not free")
+    before: Certificate = key("the certificate of the given path")
+    length_before: float = key("Euclidean lengths in joint space (radians and metres have equal weight)")
+    length_after: float = key("Euclidean lengths in joint space (radians and metres have equal weight)")
+    message: str = key("the change in length and stops as text, with any curve that was rejected")
 
     def _view(self) -> View:
         return View(self.message, [self.path, self.certificate])

@@ -94,7 +94,7 @@ def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker)
         if not plan.ok:
             return answer(None, certified=False, message=plan.message)
         used = plan.checker or checker  # with finer link shapes if start or goal collides by its hulls only
-        simple = simplify(plan.path, used, rng=seed, certificate=plan.certificate)
+        simple = simplify(plan.path, used, rng=seed)
         watch.lap("simplify")
         try:
             trajectory = time_parametrise(simple.path, problem.group.limits)

@@ -86,7 +86,7 @@ def test_a_plan_with_a_small_clearance_is_proven_after_timing() -> None:
     *_, problem = own_problems("generic_6dof", "cage", 4)
     checker = pp.CollisionChecker(problem.arm, problem.scene)
     plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=0)
-    simple = pp.simplify(plan.path, plan.checker or checker, rng=0, certificate=plan.certificate)
+    simple = pp.simplify(plan.path, plan.checker or checker, rng=0)
     trajectory = pp.time_parametrise(simple.path, problem.arm.limits)
     certificate = pp.certify(trajectory, plan.checker or checker)
     assert certificate.free, certificate.message

@@ -1,5 +1,6 @@
 """RRT-Connect: certified answers, honest failures, and what a joint alone cannot pass."""
 
+import importlib
 import re
 
 import numpy as np
@@ -414,6 +415,23 @@ def test_a_contact_of_the_hull_alone_proves_nothing(tmp_path):
     assert {contact.bodies for contact in checker.check(at).contacts} == {("carriage", "board"), ("hand", "post")}
     assert {contact.bodies for contact in checker.exact_at(at).check(at).contacts} == {("hand", "post")}
     assert find_barriers(checker, LOW, np.array([[0.5, 0, 0], HIGH])) == ()
+
+
+def test_a_certificate_is_made_when_it_is_read_and_no_path_is_found_that_is_not_proven(ur5, monkeypatch):
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.55, 0.0, 0.5)))
+    checker = pp.CollisionChecker(ur5, pp.Scene([post]))
+    start, goal = [-1.0, -1.2, 1.2, -1.57, -1.57, 0.0], [1.0, -1.2, 1.2, -1.57, -1.57, 0.0]
+    for seed in range(20):
+        plan = pp.RrtConnect().plan(checker, start, goal, rng=seed).or_raise()
+        assert plan.certificate.free
+        assert plan.certificate is plan.certificate
+        assert plan.certificate.matches(plan.path, ur5, checker.scene)
+    # Where the proof fails, the search continues until its budget ends
+    home = importlib.import_module("pinproof.planning.rrt_connect")
+    monkeypatch.setattr(home, "is_proven_free", lambda *_: False)
+    monkeypatch.setattr(home, "certify", lambda path, *_, **__: pp.certify(path, blocked))
+    blocked = checker.with_scene(pp.Scene([pp.Obstacle("ball", pp.Sphere(0.05), ur5.forward_kinematics(goal))]))
+    assert not pp.RrtConnect().limited_to(200).plan(checker, start, goal).ok
 
 
 # -- ends that touch by their hulls and not by their meshes are planned with finer bodies ------------------------------

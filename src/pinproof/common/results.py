@@ -270,7 +270,8 @@ class Solution(Generic[Value]):
     """A field that an answer has if it is a solution; its constructor accepts None, which is the default.
 
     Reading the field where it is None raises the exception of :meth:`Answer.or_raise`. Its type is therefore without
-    None, also where a type checker does not know that the result is a solution.
+    None, also where a type checker does not know that the result is a solution. A ``functools.partial`` makes the value
+    when the field is first read.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -284,6 +285,8 @@ class Solution(Generic[Value]):
         if result is None:  # read from the class: the default of the field
             return None
         value = result.__dict__[self._name]
+        if isinstance(value, partial):
+            value = result.__dict__[self._name] = value()
         if value is None:
             raise result.failure(result.message if not result.ok else f"this result has no {self._name}", result)
         return value

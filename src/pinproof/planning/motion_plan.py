@@ -269,7 +269,7 @@ def plan(
         return result
     # A shorter and rounded one; the checker has finer bodies if an end is in collision only with coarse ones
     checker = planned.checker
-    simplified = simplify(planned.path, checker, rng=rng, blend=blend, certificate=planned.certificate, **task)
+    simplified = simplify(planned.path, checker, rng=rng, blend=blend, **task)
     result = result.changed(simplified=simplified)
     # A motion, which may end at another goal
     many = goals.q if len(goals.q) > 1 else None

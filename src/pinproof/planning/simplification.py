@@ -72,12 +72,9 @@ class SimplifyResult(Shown):
     """A shortened and smoothed path."""
 
     path: JointPath | BlendedPath = key(
-        "A :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`"
+        "a :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`"
     )
     certificate: Certificate = key("the certificate of ``path``. It is FREE unless the given path itself is not free")
-    before: Certificate = key("the certificate of the given path")
-    length_before: float = key("Euclidean lengths in joint space (radians and metres have equal weight)")
-    length_after: float = key("Euclidean lengths in joint space (radians and metres have equal weight)")
     message: str = key("the change in length and stops as text, with any curve that was rejected")
 
     def _view(self) -> View:
@@ -92,26 +89,6 @@ class SimplifyResult(Shown):
     def stops(self) -> int:
         """The number of points between the ends at which the arm must stop."""
         return _stops(self.path)
-
-    @property
-    def clearance_before(self) -> float:
-        """Proven clearance (m) of the given path; NaN if it is not free."""
-        return self.before.clearance
-
-    @property
-    def clearance_after(self) -> float:
-        """Proven clearance (m) of ``path``; NaN if it is not free."""
-        return self.certificate.clearance
-
-    @property
-    def observed_before(self) -> float:
-        """The smallest distance (m) that was measured along the given path."""
-        return self.before.observed
-
-    @property
-    def observed_after(self) -> float:
-        """The smallest distance (m) that was measured along ``path``."""
-        return self.certificate.observed
 
     def or_raise(self) -> SimplifyResult:
         """Return the result if its path is proven free.
@@ -135,7 +112,6 @@ def simplify(
     attempts: int = 60,
     constraints: Sequence[PathConstraint] = (),
     torque_limits: TorqueLimits | None = None,
-    certificate: Certificate | None = None,
 ) -> SimplifyResult:
     """Shorten a path (:func:`shortcut`), round its corners (:func:`blend`), and certify the resulting curve.
 
@@ -158,8 +134,6 @@ def simplify(
         them.
     torque_limits
         As for :meth:`RrtConnect.plan`.
-    certificate
-        The certificate of ``path``, such as :attr:`PlanResult.certificate`. If it is not given, it is computed.
 
     Raises
     ------
@@ -168,16 +142,6 @@ def simplify(
     """
     constraints = check_constraints(constraints)
     short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
-    before = certificate
-    # A given certificate counts if it is for this path, set-up, margin, excluded pairs and constraints.
-    setup = checker.group, checker.scene, checker.attached, constraints
-    if (
-        before is None
-        or before.margin != checker.margin
-        or before.excluded != tuple(checker.excluded)
-        or not before.matches(path, *setup)
-    ):
-        before = certify(path, checker, constraints=constraints)
     rejected = ""
     for curve in _candidates(short, checker, constraints, torque_limits, blend, deviation):
         proof = certify(curve, checker, constraints=constraints)
@@ -191,7 +155,7 @@ def simplify(
         f"length reduced from {path.length:.3g} to {curve.length:.3g}, stops from {_stops(path)} to {_stops(curve)}; "
         f"{proof.message}{rejected}"
     )
-    return SimplifyResult(curve, proof, before, path.length, curve.length, message)
+    return SimplifyResult(curve, proof, message)
 
 
 def _candidates(

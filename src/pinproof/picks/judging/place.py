@@ -228,15 +228,8 @@ class Placer:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path: JointPath | BlendedPath
         if constraints:
-            simple = simplify(
-                plan.path,
-                carrying,
-                rng=seeds[1],
-                constraints=constraints,
-                torque_limits=torques,
-                certificate=plan.certificate,
-            )
-            path, clearance = simple.path, simple.observed_after
+            simple = simplify(plan.path, carrying, rng=seeds[1], constraints=constraints, torque_limits=torques)
+            path, clearance = simple.path, simple.certificate.observed
         else:
             path, clearance = shortened(plan, carrying, seeds[1], torques)
         # The lines follow at the full rotations at which the transfer ends

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.results import PLOT_POINTS, Rows, Shown, View, html_plot
+from pinproof.common.structs import Accepting, described, key
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import guess_mark
@@ -29,7 +30,7 @@ from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
+@described(eq=False, repr=False)
 class Trajectory(BezierCurve, Shown):
     """A Hermite curve between points in time: cubic, or quintic if accelerations are given.
 
@@ -39,23 +40,6 @@ class Trajectory(BezierCurve, Shown):
     changes the curve. Times are rounded to nanoseconds by the constructor and not when the trajectory is saved, so that
     the certified curve is the one in the file.
 
-    Parameters
-    ----------
-    times
-        (m,) times in seconds, strictly increasing from 0, m >= 1. A single point is a motion of duration 0.
-    q
-        (m, n) positions in radians or metres.
-    velocities
-        (m, n) velocities in rad/s or m/s.
-    joint_names
-        The n joints, in the order of the columns.
-    limits_note
-        A text that states the source of the limits.
-    accelerations
-        (m, n) accelerations in rad/s^2 or m/s^2 of a quintic; None for a cubic, whose acceleration may jump.
-    certified
-        The setups with which the parts of the motion were certified; empty if unknown.
-
     Raises
     ------
     InputError
@@ -63,39 +47,37 @@ class Trajectory(BezierCurve, Shown):
         increase by at least 1 ns, or a single point has a velocity or acceleration.
     """
 
-    times: Array
-    q: Array
-    velocities: Array
-    joint_names: tuple[str, ...]
-    limits_note: str = ""
-    accelerations: Array | None = None
-    certified: tuple[MotionRecord, ...] = ()
+    times: Accepting[Array, npt.ArrayLike] = key(
+        "(m,) times in seconds, strictly increasing from 0, m >= 1. A single point is a motion of duration 0"
+    )
+    q: Accepting[Array, npt.ArrayLike] = key("(m, n) positions in radians or metres")
+    velocities: Accepting[Array, npt.ArrayLike] = key("(m, n) velocities in rad/s or m/s")
+    joint_names: Accepting[tuple[str, ...], Iterable[str]] = key("the n joints, in the order of the columns")
+    limits_note: str = key("a text that states the source of the limits", default="")
+    accelerations: Accepting[Array | None, npt.ArrayLike | None] = key(
+        "(m, n) accelerations in rad/s^2 or m/s^2 of a quintic; None for a cubic, whose acceleration may jump",
+        default=None,
+        kw_only=True,
+    )
+    certified: Accepting[tuple[MotionRecord, ...], Iterable[MotionRecord]] = key(
+        "the setups with which the parts of the motion were certified; empty if unknown", default=(), kw_only=True
+    )
 
     NUMBERS = ("times", "q", "velocities", "accelerations")
 
-    def __init__(
-        self,
-        times: npt.ArrayLike,
-        q: npt.ArrayLike,
-        velocities: npt.ArrayLike,
-        joint_names: Iterable[str],
-        limits_note: str = "",
-        *,
-        accelerations: npt.ArrayLike | None = None,
-        certified: Iterable[MotionRecord] = (),
-    ) -> None:
-        names = checked_joint_names(joint_names)
-        positions = finite("q", q, (None, len(names)))
+    def __post_init__(self) -> None:
+        names = checked_joint_names(self.joint_names)
+        positions = finite("q", self.q, (None, len(names)))
         if len(positions) == 0:
             raise InputError("q has no point; a trajectory requires at least one")
-        rates = finite("velocities", velocities, positions.shape)
-        second = None if accelerations is None else finite("accelerations", accelerations, positions.shape)
+        rates, second = finite("velocities", self.velocities, positions.shape), self.accelerations
+        second = None if second is None else finite("accelerations", second, positions.shape)
         if len(positions) == 1 and (rates.any() or (second is not None and second.any())):
             raise InputError(
                 "a trajectory with a single point must be at rest there; its velocity or acceleration is not 0"
             )
         # Times are rounded to nanoseconds here, so that a file holds exactly the curve of memory.
-        given = finite("times", times, (len(positions),))
+        given = finite("times", self.times, (len(positions),))
         if abs(given).max() > LONGEST:
             raise InputError(
                 f"times reach {abs(given).max():g} s; the maximum is {LONGEST:g} s, up to which nanoseconds are exact"
@@ -109,7 +91,7 @@ class Trajectory(BezierCurve, Shown):
                 f"times must increase by at least a nanosecond; {given[i]} s is followed by {given[i + 1]} s"
             )
         self._set(times=seconds(clock), q=positions, velocities=rates, accelerations=second)
-        self._set(joint_names=names, limits_note=str(limits_note), certified=tuple(certified))
+        self._set(joint_names=names, limits_note=str(self.limits_note), certified=tuple(self.certified))
 
     @classmethod
     def at_rest(

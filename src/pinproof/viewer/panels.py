@@ -10,7 +10,6 @@ import json
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
@@ -20,6 +19,7 @@ from typing import Any, NamedTuple
 from pinproof.common import theme
 from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, html_list
+from pinproof.common.structs import described, key
 from pinproof.errors import FileError, ViewerError
 from pinproof.viewer.wire import Commands
 
@@ -30,24 +30,21 @@ POLICY = (
 )
 
 
-@dataclass(frozen=True)
+@described()
 class Caption:
     """The verdict on a motion, a configuration or a pick, the reason for it, and figures."""
 
-    # Such as FREE, NOT VALIDATED or IMPOSSIBLE at grasp.
-    headline: str
-    # One sentence that states what is proven, or why nothing is proven.
-    reason: str
-    # The name of the colour of the headline in theme.TONES.
-    tone: str
-    # (name, value) pairs.
-    figures: tuple[tuple[str, str], ...]
-    # (summary, items) pairs that can be unfolded, such as the body pairs that a proof does not cover.
-    lists: tuple[tuple[str, Sequence[str]], ...] = ()
-    # What to do; empty for nothing.
-    remedy: str = ""
-    # The stages of the judgement or the parts of the motion, each as some short texts.
-    steps: tuple[Sequence[str], ...] = ()
+    headline: str = key("such as FREE, NOT VALIDATED or IMPOSSIBLE at grasp")
+    reason: str = key("one sentence that states what is proven, or why nothing is proven")
+    tone: str = key("the name of the colour of the headline in theme.TONES")
+    figures: tuple[tuple[str, str], ...] = key("(name, value) pairs")
+    lists: tuple[tuple[str, Sequence[str]], ...] = key(
+        "(summary, items) pairs that can be unfolded, such as the body pairs that a proof does not cover", default=()
+    )
+    remedy: str = key("what to do; empty for nothing", default="")
+    steps: tuple[Sequence[str], ...] = key(
+        "the stages of the judgement or the parts of the motion, each as some short texts", default=()
+    )
 
     def html(self, remarks: Sequence[str] = ()) -> str:
         """The caption as HTML with escaped texts; ``remarks`` are about the picture."""

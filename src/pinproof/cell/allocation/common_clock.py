@@ -145,14 +145,12 @@ class ArmWait:
     duration: float
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ArmAxis:
     """The times of one arm, without waiting, at the ticks of its axis."""
 
-    # (N + 1,) seconds; a tick at which the arm may wait has exactly the time of its rest.
-    times: Array
-    # (N + 1,) whether the arm may wait there. Before its start and after its end it always may.
-    rests: Mask
+    times: Array = key("(N + 1,) seconds; a tick at which the arm may wait has exactly the time of its rest")
+    rests: Mask = key("(N + 1,) whether the arm may wait there. Before its start and after its end it always may")
 
     @classmethod
     def of(cls, duration: float, rests: Iterable[float], *, waits: bool = True) -> ArmAxis:

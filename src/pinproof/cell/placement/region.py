@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -218,18 +218,14 @@ FARTHEST = 1e3
 """Metres or rad: limits of the placement joints, beyond every region."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class PlacedRobot:
     """An arm with a movable base in a cell."""
 
-    # The robot with its placement joints.
-    robot: Robot
-    # The arm without them.
-    original: Arm
-    # The obstacles that do not move with the base, in the frame of the cell.
-    scene: Scene
-    # (4, 4) ``placement_from_root``.
-    mounting: Array
+    robot: Robot = key("the robot with its placement joints")
+    original: Arm = key("the arm without them")
+    scene: Scene = key("the obstacles that do not move with the base, in the frame of the cell")
+    mounting: Array = key("(4, 4) ``placement_from_root``")
 
     @classmethod
     def make(cls, arm: Arm, scene: Scene, mounting: Array, moves_with_base: Sequence[str] = ()) -> PlacedRobot:

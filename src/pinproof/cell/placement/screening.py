@@ -22,6 +22,7 @@ import numpy.typing as npt
 from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacedRobot, PlacementRegion
 from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
@@ -68,23 +69,19 @@ ROWS = 8192
 """Number of poses that are screened at a time."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class GraspTable:
     """The poses of all grasps of all picks in the frame of the cell."""
 
-    # The P picks.
-    names: tuple[str, ...]
-    # (R,) the pick of each grasp.
-    pick: Indices
-    # (6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start of the
-    # line to the place, the release, and the end of the line after it; NaN for picks without a place.
-    stations: Array
-    # (R,) whether the grasp is screened only if the first ones fail.
-    later: Mask
-    # (P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick.
-    nominal: Array
-    # The reason for each pick that is invalid in this cell, by its index.
-    problems: dict[int, str]
+    names: tuple[str, ...] = key("the P picks")
+    pick: Indices = key("(R,) the pick of each grasp")
+    stations: Array = key(
+        "(6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start "
+        "of the line to the place, the release, and the end of the line after it; NaN for picks without a place",
+    )
+    later: Mask = key("(R,) whether the grasp is screened only if the first ones fail")
+    nominal: Array = key("(P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick")
+    problems: dict[int, str] = key("the reason for each pick that is invalid in this cell, by its index")
 
     @classmethod
     def of(cls, picks: Picks, cell: PickCell) -> GraspTable:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import Bounds, CubicPath, least_times, time_parametrise
@@ -149,18 +150,16 @@ class PickOption:
         return sum(self.lines.values()) + self.transfer
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Job:
     """A pick of a sequence with its options."""
 
-    # The pick with its poses in the root frame, so that they do not depend on obstacles that are moved.
-    pick: Pick
-    # The options; empty if the pick fails in the scene without the other parts.
-    options: tuple[PickOption, ...]
-    # The part before the pick, as an obstacle; None without one.
-    before: Obstacle | None = None
-    # The verdict on a pick without options.
-    failed: PickVerdict | None = None
+    pick: Pick = key(
+        "the pick with its poses in the root frame, so that they do not depend on obstacles that are moved"
+    )
+    options: tuple[PickOption, ...] = key("the options; empty if the pick fails in the scene without the other parts")
+    before: Obstacle | None = key("the part before the pick, as an obstacle; None without one", default=None)
+    failed: PickVerdict | None = key("the verdict on a pick without options", default=None)
 
     @cached_property
     def places(self) -> tuple[Obstacle, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import Scene
+from pinproof.common.structs import described, key
 from pinproof.errors import TimingError
 from pinproof.motion import BlendedPath, Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
 from pinproof.picks import (
@@ -52,16 +53,13 @@ SEARCHES, SEARCH_FACTOR = 4, 3
 """Number of these searches, and their budget as a multiple of that of the first one."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class MotionFailure:
     """Why a pick cannot be executed at its position in the sequence."""
 
-    # The part of the motion that failed.
-    part: str
-    # The message of the planner or of the certificate.
-    reason: str
-    # The names of the bodies of the first contact, if one was found.
-    bodies: tuple[str, ...] = ()
+    part: str = key("the part of the motion that failed")
+    reason: str = key("the message of the planner or of the certificate")
+    bodies: tuple[str, ...] = key("the names of the bodies of the first contact, if one was found", default=())
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ at the left; panels of the class ``side`` are at its right, those of the class `
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,7 +20,7 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, html_list
 from pinproof.common.structs import described, key
 from pinproof.errors import FileError, ViewerError
-from pinproof.viewer.wire import Commands
+from pinproof.viewer.wire import Commands, script_json
 
 # The page runs only the scripts that it contains; the browser blocks every network request.
 POLICY = (
@@ -192,11 +191,9 @@ def page(
         "style": theme.css() + part("page.css"),
         "licences": _inside_script(licences),
         "bundle": _inside_script(bundle),
-        "settings": json.dumps({**settings, "theme": drawing}, separators=(",", ":"), allow_nan=False).replace(
-            "<", "\\u003c"
-        ),
-        "commands": commands.json(),
-        "pictures": commands.pictures_json(),
+        "settings": script_json({**settings, "theme": drawing}),
+        "commands": script_json(commands.items),
+        "pictures": script_json([*commands.pictures.items()]),
         "buffers": commands.base64(),
         "script": f'"use strict";\n(function () {{\n{part("page.js")}\n{script}\nwindow.pinproof.ready = true;\n}})();',
     }

@@ -33,6 +33,11 @@ def node_path(*names: str) -> str:
     return "/" + "/".join(map(node_name, names))
 
 
+def script_json(value: Any) -> str:
+    """A value as JSON, escaped for a ``<script>`` element."""
+    return json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
 class Commands:
     """A sequence of commands and the arrays that they refer to."""
 
@@ -90,24 +95,20 @@ class Commands:
 
     def set_lines(self, path: str, segments: Array, rgba: tuple[float, ...]) -> None:
         """Draw separate segments, each between two neighbouring rows of ``segments`` (2N, 3)."""
-        positions = self._attribute(segments.astype(np.float32))
-        geometry = {"type": "BufferGeometry", "data": {"attributes": {"position": positions}}}
         r, g, b = (round(255 * c) for c in rgba[:3])
         look = {"type": "LineBasicMaterial", "color": r << 16 | g << 8 | b, "opacity": rgba[3], "transparent": True}
-        self.set_object(path, "LineSegments", {"geometry": geometry, "material": look})
+        self._set_vertices(path, "LineSegments", look, position=segments)
 
     def set_points(self, path: str, points: Array, rgb: Array, size: float) -> None:
         """Draw ``points`` (N, 3) in their colours ``rgb`` (N, 3), as squares of ``size`` metres."""
-        attributes = {
-            "position": self._attribute(points.astype(np.float32)),
-            "color": self._attribute(rgb.astype(np.float32)),
-        }
+        look = {"type": "PointsMaterial", "size": size, "vertexColors": 2}
+        self._set_vertices(path, "Points", look, position=points, color=rgb)
+
+    def _set_vertices(self, path: str, kind: str, look: dict[str, Any], **rows: Array) -> None:
+        """Draw an object without triangles, from the attributes (N, 3) of its vertices."""
+        attributes = {name: self._attribute(values.astype(np.float32)) for name, values in rows.items()}
         geometry = {"type": "BufferGeometry", "data": {"attributes": attributes}}
-        self.set_object(
-            path,
-            "Points",
-            {"geometry": geometry, "material": {"type": "PointsMaterial", "size": size, "vertexColors": 2}},
-        )
+        self.set_object(path, kind, {"geometry": geometry, "material": look})
 
     def set_object(self, path: str, kind: str, parts: dict[str, Any], **properties: Any) -> None:
         """Set the three.js object of a node; ``parts`` (geometry, material) are numbered."""
@@ -133,14 +134,6 @@ class Commands:
             self._stored[key] = {"$buffer": [kind, len(self._blob), values.size]}
             self._blob.extend(content)
         return self._stored[key]
-
-    def json(self) -> str:
-        """The commands as JSON, escaped for a ``<script>`` element."""
-        return json.dumps(self.items, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-
-    def pictures_json(self) -> str:
-        """The textures with their nodes as JSON, escaped for a ``<script>`` element."""
-        return json.dumps([*self.pictures.items()], separators=(",", ":")).replace("<", "\\u003c")
 
     def base64(self) -> str:
         """The arrays in base64."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pinproof as pp
 from pinproof.common.steps import LOG, step
 from pinproof.description import robots_folder
 from pinproof.picks import PickProfile, Stage, profile_picks
+from pinproof.picks.report import profile
 from pinproof.picks.report.profile import _Watch
 
 from ..pages import run_main
@@ -66,6 +68,28 @@ def test_every_obstacle_is_measured_with_those_of_its_shape(profiled: PickProfil
     assert len(profiled.bodies) == len(shapes) + 1
     assert sum(each.share for each in profiled.bodies) == pytest.approx(1.0)
     assert all(each.seconds >= 0 for each in profiled.bodies)
+
+
+def test_advice_is_for_slow_bodies_that_no_pick_is_in(monkeypatch, profiled: PickProfile) -> None:
+    """Rings of triangles, of which one is around the grasp of a pick; then all bodies cost the same."""
+    report = profiled.report
+    setup = report.setup
+    assert setup is not None
+    ring = setup.checker.scene["ring"]
+    tip = report.good[0].pick.pose.translation
+    others = [pp.Obstacle(f"box_{k}", pp.Box(0.1, 0.1, 0.1 + k / 100), pp.pose((3, 0, k))) for k in range(5)]
+
+    def advice(seconds: float, at: np.ndarray) -> str:
+        scene = pp.Scene([replace(ring, pose=pp.pose(at)), *others])
+        own = {"ring": seconds, **{other.name: 0.2 for other in others}}
+        monkeypatch.setattr(profile, "_seconds", lambda checker, _: sum(own[name] for name in checker.scene))
+        made = replace(report, setup=replace(setup, checker=setup.checker.with_scene(scene)))
+        return next(body.advice for body in profile._body_times(made) if body.name == "ring")
+
+    far, around = np.array([1.5, 0, 0]), tip - [0, 0, 0.025]
+    assert "hull: true" in advice(0.8, far)
+    assert advice(0.8, around) == ""
+    assert advice(0.2, far) == ""
 
 
 def test_steps_in_a_step_count_once() -> None:

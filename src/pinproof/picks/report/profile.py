@@ -9,13 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.collision import Body, CollisionChecker, Obstacle, Scene, Shape, is_proven_free
+from pinproof.collision import (
+    Body,
+    CollisionChecker,
+    ConvexHull,
+    LineSurface,
+    Obstacle,
+    Scene,
+    Shape,
+    is_proven_free,
+    outer_points,
+)
 from pinproof.common.results import Rows, Saved, View, Written
 from pinproof.common.steps import LOG
 from pinproof.common.structs import ANY_TEXT, key, reported, struct
 from pinproof.motion import Curve, JointPath
-from pinproof.picks.judging.verdict import LINES, REFUTATION, SUGGESTIONS, Stage
+from pinproof.picks.judging.task import PickTask
+from pinproof.picks.judging.verdict import LINES, REFUTATION, SUGGESTIONS, PickStatus, Stage
 from pinproof.picks.report.report import PickReport
+from pinproof.spatial import Array
 
 SHORT = 0.01
 """Share of the time from which a step on a mesh has a row of its own."""
@@ -26,8 +38,8 @@ MOST_PICKS, REPEATS = 20, 3
 MOST_GROUPS = 40
 """Shapes that are compared one by one, those with the most bodies first; the others are compared together."""
 
-LARGE = 0.1
-"""Share of the time from which a body has an advice."""
+LARGE, CLEAR = 0.1, 2.0
+"""Share of the time from which a body has an advice, and its least ratio to the median of all bodies."""
 
 
 @struct("stage time")
@@ -87,8 +99,7 @@ class PickProfile(Saved, Written):
 
     def to_text(self) -> str:
         """The summary and both tables, with aligned columns."""
-        stages, bodies = self._tables()
-        return "\n".join([self.summary, "", *stages.text(), "", *bodies.text()])
+        return "\n".join([self.summary, *(line for rows in self._tables() for line in ("", *rows.text()))])
 
 
 def profile_picks(judge: Callable[[], PickReport]) -> PickProfile:
@@ -133,20 +144,23 @@ class _Watch(logging.Handler):
             self._open.append([whole or name, 0.0])
             return
         name, inner = self._open.pop()
-        self.add(name, seconds - inner)
+        before, calls = self.times.get(name, (0.0, 0))
+        self.times[name] = before + seconds - inner, calls + 1
         if self._open:
             self._open[-1][1] += seconds
-
-    def add(self, name: str, seconds: float) -> None:
-        before, calls = self.times.get(name, (0.0, 0))
-        self.times[name] = before + seconds, calls + 1
 
 
 def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
     """The times of proving the same motions beside the obstacles of each shape alone, and beside none."""
     if report.setup is None:
         return ()
-    checker, curves = report.setup.checker, _curves(report)
+    checker = report.setup.checker
+    # The motions of good picks, or random straight motions from home if no pick is good
+    curves: list[Curve] = [motion.trajectory for verdict in report.good[:MOST_PICKS] for motion in verdict.motions]
+    if not curves:
+        arm, home, rng = checker.arm, report.setup.home, np.random.default_rng(0)
+        ends = np.clip(home + rng.uniform(-1.0, 1.0, (MOST_PICKS, arm.dof)), arm.limits.lower, arm.limits.upper)
+        curves = [JointPath(np.array([home, end]), arm.joint_names) for end in ends]
     bodies: dict[str | None, list[Body]] = {}
     for body in checker.bodies:
         bodies.setdefault(body.owner if body.link is None else None, []).append(body)
@@ -157,29 +171,27 @@ def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
     groups = sorted(by_shape.values(), key=lambda group: -sum(_size(b) for o in group for b in bodies[o.name]))
     if len(groups) > MOST_GROUPS:
         groups = [*groups[:MOST_GROUPS], [thing for group in groups[MOST_GROUPS:] for thing in group]]
+
     # The pairs of links are part of each measurement
-    alone = _seconds(checker.with_scene(Scene()), curves)
-    rows = [("robot", alone, bodies.get(None, []))]
-    for group in groups:
+    robot = _seconds(checker.with_scene(Scene()), curves)
+    beside = (_seconds(checker.with_scene(Scene(tuple(group))), curves) for group in groups)
+    times = [robot, *(max(seconds - robot, 0.0) for seconds in beside)]
+    total, least = max(sum(times), 1e-12), max(LARGE * sum(times), CLEAR * float(np.median(times)))
+    points, rows = _points_of_picks(report), []
+    for seconds, group in zip(times, [[], *groups], strict=True):
         names = [thing.name for thing in group]
+        own = bodies.get(None, []) if not names else [body for name in names for body in bodies[name]]
         name = ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
-        seconds = max(_seconds(checker.with_scene(Scene(tuple(group))), curves) - alone, 0.0)
-        rows.append((name, seconds, [body for name in names for body in bodies[name]]))
-    total = max(sum(seconds for _, seconds, _ in rows), 1e-12)
-    return tuple(
-        BodyTime(name, seconds, seconds / total, _geometry(own), _advice(own) if seconds >= LARGE * total else "")
-        for name, seconds, own in sorted(rows, key=lambda row: -row[1])
-    )
-
-
-def _curves(report: PickReport) -> list[Curve]:
-    """The motions of good picks, or random straight motions from home if no pick is good."""
-    curves: list[Curve] = [motion.trajectory for verdict in report.good[:MOST_PICKS] for motion in verdict.motions]
-    if curves or report.setup is None:
-        return curves
-    arm, home, rng = report.setup.checker.arm, report.setup.home, np.random.default_rng(0)
-    ends = np.clip(home + rng.uniform(-1.0, 1.0, (MOST_PICKS, arm.dof)), arm.limits.lower, arm.limits.upper)
-    return [JointPath(np.array([home, end]), arm.joint_names) for end in ends]
+        triangles, convex = sum(_size(body) for body in own if body.is_exact), sum(not body.is_exact for body in own)
+        parts = [f"{triangles:,} exact triangles"] if triangles else []
+        parts += [f"{convex} convex {'body' if convex == 1 else 'bodies'}"] if convex else []
+        # One convex body is faster, if no pick is in it
+        advice, divided = "", bool(triangles) or convex > len(group)
+        if group and divided and seconds >= least and not any(_hull_contains(thing, points) for thing in group):
+            before = "triangles" if triangles else convex // len(group)
+            advice = f"hull: true is 1 convex body instead of {before}, if nothing reaches into the shape"
+        rows.append(BodyTime(name or "robot", seconds, seconds / total, " and ".join(parts) or "no body", advice))
+    return tuple(sorted(rows, key=lambda row: -row.seconds))
 
 
 def _seconds(checker: CollisionChecker, curves: Sequence[Curve]) -> float:
@@ -197,20 +209,21 @@ def _size(body: Body) -> int:
     return int(body.geometry.num_tris) if body.is_exact else 1
 
 
-def _geometry(bodies: Sequence[Body]) -> str:
-    """How bodies are represented."""
-    triangles = sum(_size(body) for body in bodies if body.is_exact)
-    convex = sum(not body.is_exact for body in bodies)
-    parts = [f"{triangles:,} exact triangles"] if triangles else []
-    parts += [f"{convex} convex {'body' if convex == 1 else 'bodies'}"] if convex else []
-    return " and ".join(parts) or "no body"
+def _points_of_picks(report: PickReport) -> Array:
+    """(N, 3) the tips at the grasps and at the releases of the picks in the root frame, and the picked obstacles."""
+    points = [np.empty((0, 3))]
+    for verdict in report.verdicts:
+        if report.setup is not None and verdict.status is not PickStatus.UNREADABLE:
+            task = PickTask(verdict.pick, report.setup.cell)
+            poses = [task.pick.pose] if task.place is None else [task.pick.pose, task.place.pose]
+            poses += [task.scene[str(task.name)].pose] if task.from_scene else []
+            points.append(np.array([pose.translation for pose in poses]))
+    return np.concatenate(points)
 
 
-def _advice(bodies: Sequence[Body]) -> str:
-    """What would make proofs beside these bodies faster; empty if nothing is known."""
-    owners = len({body.owner for body in bodies if body.link is None})
-    if owners and any(body.is_exact for body in bodies):
-        return "hull: true is one convex body; flat faces that need few convex pieces are faster than round ones"
-    if len(bodies) > owners > 0:
-        return f"hull: true is 1 convex body instead of {len(bodies) // owners}, if nothing reaches into the shape"
-    return ""
+def _hull_contains(thing: Obstacle, points: Array) -> bool:
+    """Whether the convex hull of an obstacle contains one of the points (N, 3) in the root frame."""
+    hull = LineSurface.of_obstacle(Obstacle("hull", ConvexHull(outer_points(LineSurface.of_obstacle(thing)))))
+    own = (points - thing.pose.translation) @ thing.pose.rotation
+    into, out, _ = hull.span(own, np.array([0.0, 0.0, 1.0]))
+    return bool(((into <= 0) & (out >= 0)).any())

@@ -281,17 +281,14 @@ class BestFirst:
         arm, (low, high) = task.arm, span(attempt.q, attempt.approach, attempt.retreat)
         shifts = full_rotations(arm, task.cell.home, attempt)
         distance = attempt.entrance + shifts - task.cell.home
-        seconds = least_times(distance, arm.limits, full_speed=True) + self._rest(attempt)
+        after = float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
+        seconds = least_times(distance, arm.limits, full_speed=True) + after
         seconds += sum(at_full_speed(arm, each) for each in control_points(arm.dof, attempt.approach, attempt.retreat))
         margins = limit_margin(arm, low + shifts, high + shifts)
         clearance = min(attempt.candidate.clearance, attempt.clearance)
         bounds = self._scoring.parts(clearance, margins, attempt.candidate.manipulability, seconds)["score"]
         for k, (score, shift) in enumerate(zip(bounds.tolist(), shifts, strict=True)):
             heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
-
-    def _rest(self, attempt: Attempt) -> float:
-        """Lower bound (s) of the time after the retreat."""
-        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
     def _crossed(self, here: _OpenAttempt, crossing: Crossing) -> _OpenAttempt | None:
         """An attempt after its transit, ready for the search of the place; None if that completes or ends it."""

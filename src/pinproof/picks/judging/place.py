@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -326,16 +327,17 @@ def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) 
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
-    # The approach with the object, planned from the release outwards
-    parting = task.supports(carrying, q, place.support)
-    down = line(Stage.PLACE, task, carrying, q, place.before(release), place.approach, parting, start="the release")
+    # The approach with the object, planned from the release outwards; in a trial, the reason of a failure is not wanted
+    parting, planned = task.supports(carrying, q, place.support), partial(line, Stage.PLACE, task, start="the release")
+    least = 0.0 if task.cell.trial is None else 1.0
+    down = planned(carrying, q, place.before(release), place.approach, parting, least=least)
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
     # The retreat of the empty hand
     hand, end = task.passing(member, placed=True), place.after(release)
-    leave = line(Stage.PLACE, task, free_hand, q, end, place.retreat, start="the release", hand=hand)
+    leave = planned(free_hand, q, end, place.retreat, hand=hand, least=least)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))

@@ -274,27 +274,25 @@ def _keeps_place(task: PickTask, pick: Pick) -> bool:
 
 def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_place: bool) -> list[Change]:
     """The pick, and its place with it if it keeps it, or its place alone, moved by shifts, by length."""
-    place, still, follows = pick.place, np.zeros(3), _keeps_place(task, pick)
-    rotation = task.root_from(pick.frame).rotation
-    place_rotation = np.eye(3) if place is None else task.root_from(place.frame).rotation
+    place, follows = pick.place, _keeps_place(task, pick)
+    # The axes of the frames in which the pick and the place are stated, and those of the place by those of the pick
+    axes = task.root_from(pick.frame).rotation
+    place_axes = np.eye(3) if place is None else task.root_from(place.frame).rotation
+    turned = np.eye(3) if place is None or of_place else place.pose.rotation @ pick.pose.rotation.T
 
     def moved(by: Array) -> tuple[Suggestion, tuple[Array, Array] | None]:
-        if place is not None and of_place:
-            place_by = _printed(by)
-            moves = still, place_rotation @ (np.array(place_by) / 1e3)
-            return ShiftSuggestion(place_by=place_by, place_frame=place.frame), moves
-        own = _printed(by)
-        move = rotation @ (np.array(own) / 1e3)
-        if place is not None and follows:
-            place_by = _printed(place.pose.rotation @ pick.pose.rotation.T @ by)
-            moves = move, place_rotation @ (np.array(place_by) / 1e3)
-            both = ShiftSuggestion(by=own, frame=pick.frame, place_by=place_by, place_frame=place.frame)
-            return both, moves
-        # The pose of the tip at the release may change with the grasp
-        changes_release = place is not None and place.pose_of != TIP
-        return ShiftSuggestion(by=own, frame=pick.frame), None if changes_release else (move, still)
+        own = None if of_place else _printed(by)
+        move = np.zeros(3) if own is None else axes @ (np.array(own) / 1e3)
+        if place is None or not (of_place or follows):
+            # The pose of the tip at a release that is stated as one of the object changes with the grasp
+            known = place is None or place.pose_of == TIP
+            return ShiftSuggestion(by=own, frame=pick.frame), (move, np.zeros(3)) if known else None
+        other = _printed(turned @ by)
+        frame = "" if own is None else pick.frame
+        suggestion = ShiftSuggestion(by=own, frame=frame, place_by=other, place_frame=place.frame)
+        return suggestion, (move, place_axes @ (np.array(other) / 1e3))
 
-    changes = [Change(pick, partial(moved, shift.by), shift.size, shift.direction, shift.early) for shift in shifts]
+    changes = [Change(pick, partial(moved, each.by), each.size, each.direction, each.early) for each in shifts]
     return sorted(changes, key=lambda change: change.size)
 
 

@@ -187,6 +187,36 @@ class Scene(Mapping[str, Obstacle], Shown):
         )
 
     @classmethod
+    def from_geometry_model(
+        cls, geometry_model: Any, data: Any = None, *, model: Any = None, q: npt.ArrayLike | None = None
+    ) -> Scene:
+        """Return the scene of the objects of a ``pinocchio.GeometryModel``, all of them obstacles.
+
+        Parameters
+        ----------
+        geometry_model
+            The objects; their names are those of the obstacles. Those with ``disableCollision`` are obstacles too.
+        data
+            A ``pinocchio.GeometryData`` with their placements.
+        model, q
+            Instead of ``data``: the model that places them, and its configuration. Without either, all objects must be
+            fixed to the universe.
+
+        Raises
+        ------
+        InputError
+            If an object moves with a joint and its placement is not given, or its geometry is not supported.
+        """
+        objects = geometry_model.geometryObjects
+        if data is None and model is not None and q is not None:
+            data = pin.GeometryData(geometry_model)
+            pin.updateGeometryPlacements(model, model.createData(), geometry_model, data, np.asarray(q, dtype=float))
+        if data is None and (moved := [thing.name for thing in objects if thing.parentJoint]):
+            raise InputError(f"geometry {moved[0]!r} moves with a joint; pass data, or model and q, for its placement")
+        poses = [thing.placement for thing in objects] if data is None else data.oMg
+        return cls(Obstacle(thing.name, thing.geometry, pose) for thing, pose in zip(objects, poses, strict=True))
+
+    @classmethod
     def load(cls, path: str | Path) -> Scene:
         """Read a scene file (YAML) in the format of pinproof or of MoveIt (:mod:`pinproof.collision.moveit`).
 

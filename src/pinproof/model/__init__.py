@@ -2,6 +2,7 @@
 
 from pinproof.model.chain import chain_of, held_values, joint_axis, link_path
 from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, kinematic_tree, massless_joints
+from pinproof.model.foreign import coal_shape
 from pinproof.model.info import JointInfo, RobotInfo
 from pinproof.model.limits import AT_LIMIT, JointLimits, LimitsFile, distinct, guess_mark, guess_note
 from pinproof.model.loading import (
@@ -30,6 +31,7 @@ __all__ = [
     "assemble",
     "chain_of",
     "checked_payloads",
+    "coal_shape",
     "distinct",
     "dynamic_tree",
     "guess_mark",

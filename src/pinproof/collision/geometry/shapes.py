@@ -177,8 +177,8 @@ class Mesh(ByContent):
 
 
 def _measured(name: str, value: Any) -> Array:
-    """Points of which at least one is finite."""
-    points = point_array(name, value)
+    """Points, or those of a cloud of Open3D, of which at least one is finite."""
+    points = point_array(name, getattr(value, "points", value))
     if not np.isfinite(points).all(axis=1).any():
         what = f"holds {len(points)} points, of which none is finite" if len(points) else "is empty"
         raise InputError(f"{name} {what}; at least one point is needed")
@@ -384,11 +384,12 @@ SHAPE = Table(
 """The keys of shapes, of which an obstacle has exactly one."""
 
 
-def _shape(name: str, value: Any) -> Shape:
-    if type(value) not in SHAPES and not isinstance(value, SHAPES):
-        kinds = ", ".join(kind.__name__ for kind in SHAPES)
-        raise InputError(f"{name} is {value!r}; valid:  {kinds}")
-    return value
+def _shape(name: str, value: Any) -> Any:
+    if type(value) in SHAPES or isinstance(value, SHAPES):
+        return value
+    from pinproof.collision.geometry.foreign import shape_of
+
+    return shape_of(name, value)  # which may be placed, see Obstacle
 
 
 def _nearby(name: str, value: Any) -> SE3:
@@ -419,7 +420,12 @@ class Obstacle:
     """A body: a name, exactly one shape, a pose and a colour."""
 
     name: str = key("its name, unique in its list")
-    shape: Shape = key("its shape", kind=simple({}, _shape), inline=SHAPE)
+    shape: Accepting[Shape, Any] = key(
+        "its shape; also a geometry of coal, a mesh of trimesh or Open3D, and points (N, 3) or a cloud of these "
+        "libraries, whose cells are 2 cm",
+        kind=simple({}, _shape),
+        inline=SHAPE,
+    )
     pose: SE3 = key(
         "``root_from_obstacle``: its pose in the frame of the robot's root link, SE3 or (4, 4). Copied, and read-only "
         "afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose",
@@ -438,6 +444,12 @@ class Obstacle:
         kind=simple({}, _one_arm),
         hidden=True,
     )
+
+    def __post_init__(self) -> None:
+        if isinstance(self.shape, tuple):  # a PlacedShape
+            shape, obstacle_from_shape = self.shape
+            object.__setattr__(self, "shape", shape)
+            object.__setattr__(self, "pose", frozen(self.pose * obstacle_from_shape))
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != BODY}

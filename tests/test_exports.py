@@ -49,8 +49,9 @@ def test_names_of_the_contract_exist() -> None:
     assert set(pp.__all__) >= CONTRACT
 
 
-def test_dir_lists_what_is_exported() -> None:
-    assert dir(pp) == pp.__all__
+def test_dir_lists_what_is_exported_and_the_packages() -> None:
+    assert dir(pp) == sorted([*pp.__all__, *pp._PACKAGES])
+    assert {"collision", "picks"} < {name for name in dir(pp) if isinstance(getattr(pp, name), ModuleType)}
 
 
 @pytest.mark.parametrize(

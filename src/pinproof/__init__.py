@@ -164,4 +164,4 @@ def _where(name: str) -> str:
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted([*__all__, *_PACKAGES])

@@ -14,11 +14,12 @@ import pinproof as pp
 from pinproof.errors import InputError, SceneError, TrajectoryError, UnknownNameError
 from pinproof.execution import ros2
 
+from . import ros_messages
 from .conftest import HIGH, LOW
 
 PAGE = Path(__file__).parents[2] / "docs" / "ros2.md"
 
-# The fields of the definitions: a key that is not among them would be refused by set_message_fields.
+# The fields of the definitions: a key that is not among them would be refused by to_ros.
 FIELDS = {
     "trajectory": {"header", "joint_names", "points"},
     "point": {"positions", "velocities", "accelerations", "effort", "time_from_start"},
@@ -162,6 +163,33 @@ def test_joint_states_are_matched_by_name() -> None:
         ros2.read_joint_state({**message, "position": [1.0, 2.0]}, ("a",))
 
 
+def test_a_dictionary_becomes_a_message_of_ros_and_back(monkeypatch, swing) -> None:
+    ros_messages.install(monkeypatch)
+    stated = ros2.joint_trajectory(swing, frame="base")
+    message = ros2.to_ros("trajectory_msgs/JointTrajectory", stated)
+    assert type(message) is ros_messages.CLASSES["trajectory_msgs/JointTrajectory"]
+    assert message.header.frame_id == "base"
+    assert list(message.points[-1].positions) == swing.end.tolist()
+    assert ros2.read_joint_trajectory(ros2.from_ros(message)).digest() == swing.digest()
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    cloud = ros2.to_ros("sensor_msgs/msg/PointCloud2", ros2.point_cloud2(points))
+    again = ros2.read_point_cloud2(ros2.from_ros(cloud), resolution=0.1)
+    assert np.abs(again.points - points).max() < 1e-6
+    state = ros2.to_ros("sensor_msgs/JointState", {"name": ["a", "b"], "position": [1.0, 2.0]})
+    assert ros2.read_joint_state(ros2.from_ros(state), ("b",))[0].tolist() == [2.0]
+
+
+def test_a_message_that_ros_does_not_have_is_refused(monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "trajectory_msgs.msg", None)
+    with pytest.raises(InputError, match=r"trajectory_msgs/JointTrajectory.*source setup"):
+        ros2.to_ros("trajectory_msgs/JointTrajectory", {})
+    ros_messages.install(monkeypatch)
+    with pytest.raises(InputError, match="JointPath"):
+        ros2.to_ros("trajectory_msgs/JointPath", {})
+    with pytest.raises(UnknownNameError, match="unknown field 'points'"):
+        ros2.to_ros("sensor_msgs/JointState", {"points": []})
+
+
 class StubNode:
     """A node without ROS: it records what is published and logged, and has a clock that the test sets."""
 
@@ -210,16 +238,9 @@ def stub(monkeypatch, name: str, **attributes: object) -> None:
 def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checker, swing) -> None:
     stub(monkeypatch, "rclpy")
     stub(monkeypatch, "rclpy.node", Node=StubNode)
-    for package, kinds in {
-        "moveit_msgs": ("DisplayTrajectory", "PlanningScene"), "sensor_msgs": ("JointState",),
-        "trajectory_msgs": ("JointTrajectory",),
-    }.items():  # fmt: skip
-        stub(monkeypatch, package)
-        stub(monkeypatch, f"{package}.msg", **dict.fromkeys(kinds, Message))
-    stub(monkeypatch, "rosidl_runtime_py", message_to_ordereddict=dict)
-    stub(
-        monkeypatch, "rosidl_runtime_py.set_message", set_message_fields=lambda message, fields: message.update(fields)
-    )
+    ros_messages.install(monkeypatch)
+    stub(monkeypatch, "moveit_msgs")
+    stub(monkeypatch, "moveit_msgs.msg", DisplayTrajectory=Message, PlanningScene=Message)
     source = re.search(r"```py\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
     names: dict[str, object] = {"__name__": "certified_execution"}
     exec(compile(source, "certified_execution.py", "exec"), names)
@@ -237,7 +258,7 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
     node.callbacks["/joint_states"](Message(at_rest(swing.start, swing)))
     node.time = 0.001
     node.callbacks["/display_planned_path"](Message(ros2.display_trajectory([swing])))
-    assert ros2.read_joint_trajectory(node.published[0]).digest() == swing.digest()
+    assert ros2.read_joint_trajectory(ros2.from_ros(node.published[0])).digest() == swing.digest()
 
     def state(time: float, off: float) -> None:
         node.time = 0.001 + time
@@ -251,7 +272,7 @@ def test_the_node_of_the_manual_certifies_executes_and_stops(monkeypatch, checke
         state(time, 0.001)
     assert len(node.published) == 1
     state(0.3, 0.05)
-    stop = ros2.read_joint_trajectory(node.published[1])
+    stop = ros2.read_joint_trajectory(ros2.from_ros(node.published[1]))
     assert np.abs(stop.start - swing(0.3) - 0.05).max() < 1e-12
     assert not stop.velocities[-1].any()
     assert (stop.max_acceleration() <= checker.arm.limits.acceleration * (1 + 1e-9)).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import sys
 
 import numpy as np
 import pytest
@@ -102,6 +103,22 @@ def test_the_csv_gives_the_same_numbers_as_the_json(report) -> None:
     for verdict, row in zip(report.verdicts, picks, strict=True):
         again = pp.pose(xyz=row["xyz"], rpy=row["rpy"])
         assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
+
+
+def test_the_data_frame_has_the_numbers_of_the_csv(report) -> None:
+    pandas = pytest.importorskip("pandas", reason="pandas is not installed")
+    frame, read = report.to_pandas(), pandas.read_csv(io.StringIO(report.to_csv()))
+    assert tuple(frame.columns) == CSV_COLUMNS
+    assert frame.name.tolist() == read.name.tolist()
+    for column in ("x", "yaw", "duration", "clearance_proven", "score"):
+        assert pandas.api.types.is_float_dtype(frame[column])
+        np.testing.assert_array_equal(frame[column], read[column])
+
+
+def test_a_data_frame_requires_pandas(report, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(pp.InputError, match="pip install pandas"):
+        report.to_pandas()
 
 
 @pytest.mark.slow

@@ -1,8 +1,7 @@
 """Messages of ROS 2 as nested dictionaries, without ROS: trajectories, planning scenes, point clouds, joint states.
 
-The keys are the fields of the message definitions, so that ``rosidl_runtime_py.set_message.set_message_fields`` fills a
-message from a dictionary of this module, and a dictionary of ``rosidl_runtime_py.message_to_ordereddict`` can be read.
-Fields that are not written keep their defaults.
+The keys are the fields of the message definitions. Where ROS is installed, :func:`to_ros` makes a message of such a
+dictionary, and :func:`from_ros` a dictionary of a message. Fields that are not written keep their defaults.
 
 Sources of the definitions, as of ROS 2 Jazzy: the packages builtin_interfaces and std_msgs (``Duration``, ``Header``),
 trajectory_msgs (``JointTrajectory``), sensor_msgs (``JointState``, ``PointCloud2``, ``PointField``), shape_msgs,
@@ -12,7 +11,10 @@ geometry_msgs, and moveit_msgs (``RobotTrajectory``, ``RobotState``, ``DisplayTr
 
 from __future__ import annotations
 
+import re
+from array import array
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +32,7 @@ __all__ = [
     "CertifiedExecution",
     "Reply",
     "display_trajectory",
+    "from_ros",
     "joint_trajectory",
     "planning_scene",
     "point_cloud2",
@@ -40,6 +43,7 @@ __all__ = [
     "read_point_cloud2",
     "read_robot_trajectory",
     "robot_trajectory",
+    "to_ros",
 ]
 
 Message = dict[str, Any]
@@ -48,6 +52,50 @@ POINT_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8:
 """The numbers of sensor_msgs/PointField, as types of NumPy."""
 
 FLOAT32 = 7
+
+
+def to_ros(name: str, message: Mapping[str, Any]) -> Any:
+    """Return a message of ROS 2 with the fields of a dictionary of this module.
+
+    Parameters
+    ----------
+    name
+        The type of the message, such as ``"trajectory_msgs/JointTrajectory"``.
+    message
+        The dictionary, such as that of :func:`joint_trajectory`.
+
+    Raises
+    ------
+    InputError
+        If the package of the message is not installed, or it has no such message or field.
+    """
+    package, _, kind = name.replace("/msg/", "/").partition("/")
+    try:
+        made = getattr(import_module(f"{package}.msg"), kind)()
+    except (ImportError, AttributeError) as error:
+        remedy = "install ROS 2 and its package, and source setup.bash"
+        raise InputError(f"there is no message {name!r} ({error}); {remedy}") from error
+    types = made.get_fields_and_field_types()
+    for field, value in message.items():
+        if field not in types:
+            raise UnknownNameError("field", field, types, f"the message {name}")
+        # the type of a nested message, or of the items of a list of messages
+        inner = re.sub(r"^sequence<|[,>\[].*$", "", types[field])
+        if isinstance(value, Mapping):
+            value = to_ros(inner, value)
+        elif isinstance(value, list) and "/" in inner:
+            value = [to_ros(inner, item) for item in value]
+        setattr(made, field, value)
+    return made
+
+
+def from_ros(message: Any) -> Any:
+    """Return a message of ROS 2 as a dictionary, which the functions of this module read; other values unchanged."""
+    if hasattr(message, "get_fields_and_field_types"):
+        return {field: from_ros(getattr(message, field)) for field in message.get_fields_and_field_types()}
+    if isinstance(message, (array, np.ndarray)):
+        return message.tobytes() if isinstance(message, array) and message.typecode == "B" else message.tolist()
+    return [from_ros(item) for item in message] if isinstance(message, (list, tuple)) else message
 
 
 def joint_trajectory(trajectory: Trajectory, *, frame: str = "") -> Message:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,24 @@ class PickReport(Saved, Written):
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
+        return csv_text(CSV_COLUMNS, self._cells())
+
+    def to_pandas(self) -> Any:
+        """The table of :meth:`to_csv` as a ``pandas.DataFrame`` with a row for each pick.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        try:
+            pandas = import_module("pandas")
+        except ImportError as error:
+            raise InputError("to_pandas requires pandas: pip install pandas") from error
+        return pandas.DataFrame(self._cells(), columns=list(CSV_COLUMNS))
+
+    def _cells(self) -> list[list[Any]]:
+        """The cells of the columns :data:`CSV_COLUMNS`; None where there is no value."""
         table = []
         for row in (*(verdict.to_dict() for verdict in self.verdicts), *map(problem_row, self.problems)):
             score = row.get("score", {})
@@ -147,7 +166,7 @@ class PickReport(Saved, Written):
                 "refuted": "\n".join(row.get("refuted", ())),
             }
             table.append([cells.get(column) for column in CSV_COLUMNS])
-        return csv_text(CSV_COLUMNS, table)
+        return table
 
     def save(
         self,

@@ -23,7 +23,7 @@ from pinproof.collision import (
     CertificateStatus,
     CollisionChecker,
     Cone,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     Ellipsoid,
     Obstacle,
@@ -257,7 +257,7 @@ def _random_shape(rng: np.random.Generator) -> Shape:
         lambda: Capsule(a / 2, b),
         lambda: Cone(a, b),
         lambda: Ellipsoid(a, b, c),
-        lambda: ConvexHull(rng.normal(size=(8, 3)) * LARGEST / 3),
+        lambda: ConvexShape(rng.normal(size=(8, 3)) * LARGEST / 3),
     )[int(rng.integers(7))]()
 
 

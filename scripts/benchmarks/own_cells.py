@@ -36,7 +36,7 @@ from benchmarks.tote_cell import write_cell
 from pinproof.collision import (
     Box,
     Capsule,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     Ellipsoid,
     Mesh,
@@ -125,7 +125,7 @@ def _random_shape(size: float, rng: np.random.Generator) -> Any:
     if kind == 5:
         return PointCloud(rng.uniform(-size / 2, size / 2, (20, 3)), size / 8)
     if kind == 6:
-        return ConvexHull(rng.normal(scale=size / 3, size=(12, 3)))
+        return ConvexShape(rng.normal(scale=size / 3, size=(12, 3)))
     half = a / 2
     simple = (Box(a, b, c), Sphere(half), Cylinder(half, b), Capsule(half, b), Ellipsoid(half, b / 2, c / 2))
     return simple[kind - 7]
@@ -155,9 +155,9 @@ def _coal_shapes(shape: Any) -> list[tuple[Any, Array]]:
             (coal.Box(side, side, side), (cell + 0.5) * side)
             for cell in np.unique(np.floor(shape.points / side), axis=0)
         ]
-    if isinstance(shape, Mesh | ConvexHull):
+    if isinstance(shape, Mesh | ConvexShape):
         model = coal.BVHModelOBBRSS()
-        solid = trimesh.convex.convex_hull(shape.points) if isinstance(shape, ConvexHull) else None
+        solid = trimesh.convex.convex_hull(shape.points) if isinstance(shape, ConvexShape) else None
         vertices, faces = (shape.vertices, shape.triangles) if solid is None else (solid.vertices, solid.faces)
         model.beginModel(len(faces), len(vertices))
         model.addVertices(np.asarray(vertices))

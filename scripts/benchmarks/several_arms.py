@@ -238,7 +238,7 @@ SAMPLES, AUDIT_STEP = 12, 0.02
 meshes are checked."""
 
 
-def groups() -> dict[str, tuple[pp.JointGroup, float]]:
+def groups() -> dict[str, tuple[pp.model.JointGroup, float]]:
     """The joint groups of the random edges, with the distance (m) from the root within which obstacles are placed."""
     ur5, panda = pp.load_robot("ur5").arm(), pp.load_robot("panda").arm()
     return {

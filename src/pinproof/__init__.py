@@ -14,13 +14,13 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.errors": "FileError InputError NoAnswer PinproofError UnknownNameError",
     "pinproof.spatial": "pose xyz_rpy",
     "pinproof.description": "DhRow DhTable",
-    "pinproof.model": "Arm JointGroup JointLimits Payload Robot assemble load_robot",
+    "pinproof.model": "Arm JointLimits Payload Robot assemble load_robot",
     "pinproof.conversion": "dh_to_urdf urdf_to_dh write_urdf",
     "pinproof.motion": "JointPath Trajectory time_parametrise",
     "pinproof.ik": "AnalyticIk Clik DampedLeastSquares Fabrik IkBatch IkResult PseudoInverse prove_unreachable track",
     "pinproof.collision": (
-        "Box Capsule Certificate CertificateStatus CollisionChecker Cylinder HalfSpace Mesh Mover Obstacle "
-        "OccupancyGrid PointCloud Scene Sphere Upright Within audit certify verify_proof"
+        "Box Capsule Certificate CertificateStatus CollisionChecker ConvexShape Cylinder HalfSpace Mesh "
+        "Mover Obstacle OccupancyGrid PointCloud Scene Sphere Upright Within audit certify verify_proof"
     ),
     "pinproof.planning": ("MotionPlan PlanResult RrtConnect blend optimise plan plan_linear replan shortcut simplify"),
     "pinproof.viewer": "show write_html write_png",
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
         Certificate as Certificate,
         CertificateStatus as CertificateStatus,
         CollisionChecker as CollisionChecker,
+        ConvexShape as ConvexShape,
         Cylinder as Cylinder,
         HalfSpace as HalfSpace,
         Mesh as Mesh,
@@ -100,7 +101,6 @@ if TYPE_CHECKING:
     )
     from pinproof.model import (
         Arm as Arm,
-        JointGroup as JointGroup,
         JointLimits as JointLimits,
         Payload as Payload,
         Robot as Robot,

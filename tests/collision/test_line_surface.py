@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof._core import enter_triangles
-from pinproof.collision import Cone, ConvexHull, Ellipsoid, OccupancyGrid
+from pinproof.collision import Cone, ConvexShape, Ellipsoid, OccupancyGrid
 from pinproof.collision.checking.line_surface import (
     TOUCH,
     LineSurface,
@@ -70,7 +70,7 @@ CASES: dict[str, tuple[pp.Shape, Implicit]] = {
     "capsule": (pp.Capsule(0.1, 0.3), capsule),
     "cone": (Cone(0.1, 0.3), cone),
     "ellipsoid": (Ellipsoid(0.1, 0.2, 0.05), lambda p: np.linalg.norm(p / [0.1, 0.2, 0.05], axis=-1) - 1.0),
-    "convex hull": (ConvexHull(HULL.vertices), hull),
+    "convex hull": (ConvexShape(HULL.vertices), hull),
     "mesh": (
         pp.Mesh.from_arrays(CROSS.vertices, CROSS.faces, hull=False),
         union(box(0.3, 0.2, 0.1), box(0.1, 0.2, 0.3)),
@@ -298,3 +298,15 @@ def test_lines_meet_the_first_of_any_triangles(seed: int) -> None:
     expected, facing = first_triangles(corners, origins, direction, start)
     np.testing.assert_allclose(depth, expected, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(normals, facing, atol=1e-9)
+
+
+@pytest.mark.parametrize("points", [[[0, -0.1, 0.05], [0, 0.1, -0.05]], [[0, 0, 0], [0.2, 0, 0], [0, 0.1, 0]]])
+def test_lines_meet_a_rounded_body_within_three_percent_of_its_radius(points: list) -> None:
+    radius, corners = 0.04, np.array(points)
+    surface = surface_of(pp.ConvexShape(corners, radius))
+    shares = np.random.default_rng(0).dirichlet(np.full(len(corners), 0.5), 40_000)
+    within = np.concatenate([corners, shares @ corners])
+    for direction in spiral_directions(60):
+        entered = corners.mean(axis=0) + surface.enter(corners.mean(axis=0)[None], direction).depth[0] * direction
+        away = np.linalg.norm(within - entered, axis=1).min()
+        assert radius - 1e-9 <= away <= 1.03 * radius + 3e-4

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof._core import Departure, SeparationSettings, separate
-from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
+from pinproof.collision import Cone, ConvexShape, Ellipsoid, HeightMap
 from pinproof.collision.certificates.certificate import Parting
 from pinproof.collision.checking.placed_bodies import MeasureByCoal
 from pinproof.collision.checking.separation import NO_DIRECTIONS, directions_to_facets
@@ -575,7 +575,7 @@ def test_random_pairs_separate_as_numpy_and_coal_find(request, name, seed):
     """Parts of any shape beside obstacles of any shape, on random pieces of curves, against dense samples."""
     arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
     shapes = [pp.Box(0.1, 0.05, 0.2), pp.Cylinder(0.05, 0.3), pp.Capsule(0.02, 0.3), pp.Sphere(0.08)]
-    shapes += [Ellipsoid(0.05, 0.1, 0.15), Cone(0.06, 0.2), ConvexHull(rng.normal(size=(9, 3)) * 0.08)]
+    shapes += [Ellipsoid(0.05, 0.1, 0.15), Cone(0.06, 0.2), ConvexShape(rng.normal(size=(9, 3)) * 0.08)]
     part = pp.Obstacle("part", shapes[rng.integers(len(shapes))], pp.pose((0, 0, 0.2)))
     q = rng.uniform(-2, 2, arm.dof)
     near = arm.forward_kinematics(q) * pp.pose(

@@ -83,7 +83,7 @@ def random_solid(rng: np.random.Generator) -> tuple[pp.Shape, trimesh.Trimesh]:
     if kind == 2:
         return pp.Cylinder(a, b), trimesh.creation.cylinder(a, b, sections=64)
     hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * [a, b, c])
-    return pp.collision.ConvexHull(np.array(hull.vertices)), hull
+    return pp.collision.ConvexShape(np.array(hull.vertices)), hull
 
 
 def support(shape: pp.Shape, mesh: trimesh.Trimesh, directions: np.ndarray) -> np.ndarray:
@@ -122,7 +122,7 @@ def test_meshes_of_convex_bodies_are_as_deep_as_the_bodies(kinds: str) -> None:
     rng, seen, excess = np.random.default_rng(5), {True: 0, False: 0}, []
     for _ in range(24):
         meshes = [random_solid(rng)[1] for _ in range(2)]
-        solids = [pp.collision.ConvexHull(np.array(mesh.vertices)) for mesh in meshes]
+        solids = [pp.collision.ConvexShape(np.array(mesh.vertices)) for mesh in meshes]
         at = pp.pose(rng.normal(0, 0.015, 3), rng.uniform(-3, 3, 3))
         deep = depth(solids[0], at, solids[1], 1e-6)
         if deep.depth == 0.0:

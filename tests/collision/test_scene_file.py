@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, pose
-from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap, Shape
+from pinproof.collision import Cone, ConvexShape, Ellipsoid, HeightMap, Shape
 from pinproof.collision.certificates.certificate import body_digest
 from pinproof.description import robots_folder
 from pinproof.errors import SceneError
@@ -37,7 +37,8 @@ obstacles:
   - {name: tip, cone: {radius: 0.02, length: 0.05}}
   - {name: egg, ellipsoid: {rx: 0.02, ry: 0.03, rz: 0.04}}
   - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}
-  - {name: stone, convex_hull: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, pi/4]]}}
+  - {name: stone, convex_shape: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, pi/4]]}}
+  - {name: rounded, convex_shape: {points: [[0, 0, 0], [0, 0, 0.1]], radius: 0.02}}
   - {name: wedge, mesh: {vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], triangles: [[0, 2, 1], [0, 1, 3]]}}
   - {name: scan, point_cloud: {points: [[0, 0, 0.123456789012345], [1, 0, 0]], resolution: 0.01}}
   - {name: ground, height_map: {heights: [[0, 0.1, 0], [0, 0.2, 0]], x: 2, y: 1}}
@@ -75,7 +76,8 @@ def test_every_shape_is_read(scene_text, tmp_path):
         Cone(0.02, 0.05),
         Ellipsoid(0.02, 0.03, 0.04),
         pp.HalfSpace(),
-        ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, math.pi / 4]]),
+        ConvexShape([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, math.pi / 4]]),
+        ConvexShape([[0, 0, 0], [0, 0, 0.1]], 0.02),
         pp.Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3]]),
         pp.PointCloud([[0, 0, 0.123456789012345], [1, 0, 0]], 0.01),
         HeightMap([[0, 0.1, 0], [0, 0.2, 0]], 2, 1),
@@ -130,7 +132,7 @@ BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
         ("obstacles:\n  - {name: a, mesh: {path: part.stl, vertices: [[0, 0, 0]]}}", ["'a'", "not both"]),
         ("obstacles:\n  - {name: a, mesh: {vertices: [[0, 0, 0]], triangles: [[0, 0, 0.5]]}}", ["integers"]),
         ("obstacles:\n  - {name: a, point_cloud: {points: [[0, 0, 0]]}}", ["'a'", "resolution"]),
-        ("obstacles:\n  - {name: a, convex_hull: {points: [[0, 0, 0]]}}", ["'a'", "flat"]),
+        ("obstacles:\n  - {name: a, convex_shape: {points: [[0, 0, 0]]}}", ["'a'", "flat"]),
         ("obstacles:\n  - {name: a, height_map: {heights: [[0, 0], [0]], x: 1, y: 1}}", ["'a'", "heights"]),
         ("obstacles: []\nframe: 3", ["frame", "3"]),
         ("obstacles: []\ndisabled_pairs: [[a]]", ["disabled_pairs", "pair"]),

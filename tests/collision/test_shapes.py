@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
+from pinproof.collision import Cone, ConvexShape, Ellipsoid, HeightMap
 from pinproof.collision.checking.placed_bodies import GJK_SLACK
 from pinproof.collision.geometry.bodies import GEOMETRIES, shape_bodies, shape_body
 from pinproof.collision.geometry.hulls import Solid
@@ -28,7 +28,8 @@ TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 
 ARRAYS = {
-    "hull": lambda x=0.0: ConvexHull([*TETRAHEDRON, [x, 0, 2]]),
+    "hull": lambda x=0.0: ConvexShape([*TETRAHEDRON, [x, 0, 2]]),
+    "rounded": lambda x=0.0: ConvexShape(TETRAHEDRON[:2], 0.1 + x),
     "mesh": lambda x=0.0: pp.Mesh.from_arrays([*TETRAHEDRON[:3], [x, 0, 1]], OUTWARD),
     "cloud": lambda x=0.0: pp.PointCloud([[x, 0, 0], [1, 1, 1]], 0.1),
     "ground": lambda x=0.0: HeightMap([[0, x], [0, 0.1], [0, 0]], 1, 2, -1),
@@ -56,9 +57,9 @@ def test_numbers_are_copied_and_cannot_be_changed(kind):
             with pytest.raises(ValueError, match="read-only"):
                 value[0] = 0
     points = np.array(TETRAHEDRON)
-    hull = ConvexHull(points)
+    hull = ConvexShape(points)
     points[0] = 9
-    assert hull == ConvexHull(TETRAHEDRON)
+    assert hull == ConvexShape(TETRAHEDRON)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, 1e-9, float("nan"), float("inf"), 1e5, "wide", None])
@@ -81,16 +82,19 @@ def test_an_invalid_size_is_refused(value):
 @pytest.mark.parametrize(
     ("make", "expected"),
     [
-        (lambda: ConvexHull([]), "ConvexHull.points"),
-        (lambda: ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
-        (lambda: ConvexHull([[0, 0, 0], [1, 0, 1], [1, 1, 1], [0, 1, 0]]), "flat"),
-        (lambda: ConvexHull([*TETRAHEDRON, [0, 0, np.nan]]), "nan"),
-        (lambda: ConvexHull([*TETRAHEDRON, [0, 0, 1e6]]), "10000 m"),
+        (lambda: ConvexShape([]), "ConvexShape.points"),
+        (lambda: ConvexShape([], 0.1), "ConvexShape.points"),
+        (lambda: ConvexShape([[0, 0, 0]], -0.1), "ConvexShape.radius"),
+        (lambda: ConvexShape([[0, 0, 0]], np.nan), "ConvexShape.radius"),
+        (lambda: ConvexShape([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
+        (lambda: ConvexShape([[0, 0, 0], [1, 0, 1], [1, 1, 1], [0, 1, 0]]), "flat"),
+        (lambda: ConvexShape([*TETRAHEDRON, [0, 0, np.nan]]), "nan"),
+        (lambda: ConvexShape([*TETRAHEDRON, [0, 0, 1e6]]), "10000 m"),
         (lambda: pp.PointCloud(np.empty((0, 3)), 0.1), "empty"),
         (lambda: pp.PointCloud([[0, 0]], 0.1), "shape"),
         (lambda: pp.PointCloud([[4.0, 0, 0]], 1e-6), "4 m from the origin need cells of 3.8e-06 m or more"),
         (lambda: pp.PointCloud([[-4.0, 0, 0]], 1e-6), "4 m from the origin need cells of 3.8e-06 m or more"),
-        (lambda: ConvexHull([*TETRAHEDRON, [0, 0, -1e6]]), "10000 m"),
+        (lambda: ConvexShape([*TETRAHEDRON, [0, 0, -1e6]]), "10000 m"),
         (lambda: HeightMap([[0, 0]], 1, 1), "2 rows"),
         (lambda: HeightMap([[0, 0], [0, 1]], 1, 1, 0.0), "below the lowest point"),
         (lambda: HeightMap([[0, 0], [0, np.inf]], 1, 1), "inf"),
@@ -140,7 +144,7 @@ def test_any_of_many_numbers_distinguishes_shapes():
     points = np.random.default_rng(0).uniform(-1, 1, (2000, 3))
     moved = points.copy()
     moved[1000, 1] += 1e-6
-    one, same, other = (ConvexHull(each) for each in (points, points.copy(), moved))
+    one, same, other = (ConvexShape(each) for each in (points, points.copy(), moved))
     assert (one, hash(one), repr(one)) == (same, hash(same), repr(same))
     assert one != other
     assert repr(one) != repr(other)
@@ -241,6 +245,8 @@ def ground_prisms() -> list[trimesh.Trimesh]:
 
 
 PRISMS = [(np.array(prism.face_normals), np.array(prism.triangles)) for prism in ground_prisms()]
+PLATE = np.array([[-0.2, -0.1, 0.1], [0.2, -0.05, -0.1], [0.0, 0.15, 0.0]])
+ROD = np.array([[-0.2, -0.05, 0.1], [0.2, 0.05, -0.1]])
 HULL = trimesh.Trimesh(HULL_POINTS).convex_hull
 HULL_FACES = np.array(HULL.face_normals), np.array(HULL.triangles)
 
@@ -250,6 +256,11 @@ def to_convex(point, faces) -> float:
     normals, corners = faces
     inside = (np.einsum("ij,ij->i", normals, point - corners[:, 0]) <= 0).all()
     return 0.0 if inside else to_triangles(point, corners)
+
+
+def to_segment(point, start, end) -> float:
+    along = end - start
+    return float(np.linalg.norm(start + np.clip((point - start) @ along / (along @ along), 0, 1) * along - point))
 
 
 def to_union(point, bodies) -> float:
@@ -264,7 +275,10 @@ KINDS = {
     "ellipsoid": (Ellipsoid(0.1, 0.2, 0.3), lambda p: to_ellipsoid(p, np.array([0.1, 0.2, 0.3]))),
     "needle": (Ellipsoid(0.002, 0.003, 0.3), lambda p: to_ellipsoid(p, np.array([0.002, 0.003, 0.3]))),
     "half-space": (pp.HalfSpace(), lambda p: max(p[2], 0.0)),
-    "hull": (ConvexHull(HULL_POINTS), lambda p: to_convex(p, HULL_FACES)),
+    "hull": (ConvexShape(HULL_POINTS), lambda p: to_convex(p, HULL_FACES)),
+    "rounded hull": (pp.ConvexShape(HULL_POINTS, 0.04), lambda p: max(to_convex(p, HULL_FACES) - 0.04, 0.0)),
+    "rounded plate": (pp.ConvexShape(PLATE, 0.05), lambda p: max(to_triangles(p, PLATE[[[0, 1, 2]]]) - 0.05, 0.0)),
+    "tilted rod": (pp.ConvexShape(ROD, 0.06), lambda p: max(to_segment(p, *ROD) - 0.06, 0.0)),
     "mesh": (pp.Mesh.from_arrays(CORNER.vertices, CORNER.faces, hull=False), corner_distance),
     "cloud": (CLOUD, lambda p: to_cells(p, CLOUD.cells * 0.05, (CLOUD.cells + 1) * 0.05)),
     "ground": (GROUND, lambda p: to_union(p, PRISMS)),
@@ -562,7 +576,7 @@ def test_reach_is_homogeneous_and_takes_many_directions() -> None:
 
 
 def test_every_shape_is_registered_and_an_unknown_one_is_refused():
-    assert {*GEOMETRIES, ConvexHull} == set(get_args(Shape))
+    assert {*GEOMETRIES, ConvexShape} == set(get_args(Shape))
     with pytest.raises(pp.InputError, match="object"):
         shape_body("thing", "thing", None, object(), pp.pose((0, 0, 0)))
 
@@ -570,3 +584,60 @@ def test_every_shape_is_registered_and_an_unknown_one_is_refused():
 def test_a_half_space_cannot_be_attached_to_a_link(slider):
     with pytest.raises(pp.InputError, match="'floor' is a HalfSpace"):
         pp.CollisionChecker(slider, attached=[pp.Obstacle("floor", pp.HalfSpace())])
+
+
+# -- bodies of a support mapping ---------------------------------------------------------------------------------------
+
+
+def of_ellipsoid(axes):
+    return lambda d: axes**2 * d / np.linalg.norm(axes * d)
+
+
+def of_points(points):
+    return lambda d: points[(points @ d).argmax()]
+
+
+CUBE = np.array(list(itertools.product((-0.1, 0.1), repeat=3)))
+MAPPINGS = {
+    "ellipsoid": of_ellipsoid(np.array([0.1, 0.2, 0.05])),
+    "needle": of_ellipsoid(np.array([0.002, 0.3, 0.002])),
+    "cube": of_points(CUBE),
+    "tilted hull": of_points(HULL_POINTS + np.array([0.3, -1.0, 0.2])),
+    "segment": of_points(PLATE[:2]),
+    "point": of_points(PLATE[:1]),
+    "hull and ball": lambda d: of_points(HULL_POINTS)(d) + 0.03 * d,
+    "cylinder": lambda d: np.array([*(0.1 * d[:2] / max(np.hypot(*d[:2]), 1e-300)), np.copysign(0.2, d[2])]),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "error"), [*((kind, 5e-3) for kind in MAPPINGS), ("needle", 1e-3), ("tilted hull", 1e-4)]
+)
+def test_a_shape_of_a_support_mapping_contains_the_body_and_is_within_the_error(kind: str, error: float) -> None:
+    """In every direction the extent is that of the body, or larger by at most the error."""
+    mapping = MAPPINGS[kind]
+    shape = pp.ConvexShape.from_support(mapping, error=error)
+    rng = np.random.default_rng(2)
+    directions = np.concatenate(
+        [rng.normal(size=(4000, 3)), rng.integers(-1, 2, (200, 3)) + 1e-9 * rng.normal(size=(200, 3))]
+    )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    exact = np.array([d @ mapping(d) for d in directions])
+    excess = (directions @ shape.points.T).max(axis=1) + shape.radius - exact
+    assert excess.min() >= 0
+    assert excess.max() <= error + 1e-8
+    assert shape.radius <= error + 1e-8
+
+
+def test_a_body_of_few_points_has_no_more_points() -> None:
+    shape = pp.ConvexShape.from_support(of_points(CUBE), error=1e-3)
+    assert {tuple(point) for point in shape.points.tolist()} == {tuple(point) for point in CUBE.tolist()}
+
+
+def test_a_mapping_to_points_that_are_not_the_farthest_is_refused() -> None:
+    with pytest.raises(pp.InputError, match=r"farthest\(\[.*\]\) is not the farthest point"):
+        pp.ConvexShape.from_support(lambda d: -of_points(CUBE)(d), error=1e-2)
+    with pytest.raises(pp.InputError, match="more than 10000 directions"):
+        pp.ConvexShape.from_support(of_ellipsoid(np.ones(3)), error=1e-6)
+    with pytest.raises(pp.InputError, match="farthest"):
+        pp.ConvexShape.from_support(lambda d: np.zeros(2), error=1e-2)

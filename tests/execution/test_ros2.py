@@ -76,7 +76,7 @@ def test_damaged_messages_and_shapes_without_equivalent_are_refused_with_their_p
 
 def test_planning_scenes_are_restored() -> None:
     corners = [[x, y, z] for x in (0, 0.1) for y in (0, 0.2) for z in (0, 0.3)]
-    hull = pp.collision.ConvexHull([*corners, [0.05, 0.1, 0.15]])
+    hull = pp.collision.ConvexShape([*corners, [0.05, 0.1, 0.15]])
     placed = pp.pose((0.3, 0.3, -0.9), (0.1, 0.2, 0.3))
     shapes = {
         "box": pp.Box(0.1, 0.2, 0.3), "ball": pp.Sphere(0.1), "can": pp.Cylinder(0.1, 0.4),

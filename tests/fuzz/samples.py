@@ -56,7 +56,7 @@ SCENE = {
         {"name": "bolt", "cylinder": {"radius": 0.008, "length": 0.04}},
         {"name": "egg", "ellipsoid": {"rx": 0.1, "ry": 0.1, "rz": 0.2}},
         {"name": "floor", "half_space": {}, "xyz": [0, 0, -0.1]},
-        {"name": "hull", "convex_hull": {"points": TETRAHEDRON["vertices"]}},
+        {"name": "hull", "convex_shape": {"points": TETRAHEDRON["vertices"], "radius": 0.01}},
         {"name": "file", "mesh": {"path": "part.stl", "scale": 0.001, "hull": True, "hollow": False}},
         {"name": "mesh", "mesh": {**TETRAHEDRON, "hull": False}},
         {"name": "cloud", "point_cloud": {"points": [[0, 0, 0], [0.1, 0, 0]], "resolution": 0.01}},

@@ -217,7 +217,7 @@ def test_linear_axis_before_the_arm_is_a_joint_of_the_group() -> None:
 
 def test_arm_is_the_group_of_itself() -> None:
     arm = pp.load_robot("ur5").arm()
-    assert isinstance(arm, pp.JointGroup)
+    assert isinstance(arm, pp.model.JointGroup)
     assert arm.arms == {arm.tcp: arm}
     assert arm.tcp_placements(arm.home)["tool0"].isApprox(arm.root_from_base * arm.forward_kinematics(arm.home), 1e-12)
 

@@ -248,7 +248,7 @@ def rod_grasp(rng: np.random.Generator, deep: bool) -> Grasp:
         ("sphere", pp.Sphere(h / 2), trimesh.creation.icosphere(3, h / 2)),
         ("cylinder", pp.Cylinder(x / 2, h), cylinder(x / 2, h)),
         ("mesh", shape_of(box(x, y, h)), box(x, y, h)),
-        ("hull", pp.collision.ConvexHull(np.array(hull.vertices)), hull),
+        ("hull", pp.collision.ConvexShape(np.array(hull.vertices)), hull),
         ("closed box", shape_of(shell, (None, False)[rng.integers(2)]), shell),
     ][rng.integers(6)]
     solid, rod = [

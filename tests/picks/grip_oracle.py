@@ -65,7 +65,7 @@ def random_shape(rng: np.random.Generator) -> tuple[pp.Shape, trimesh.Trimesh]:
         return pp.Sphere(a / 2), trimesh.creation.icosphere(SPHERE, a / 2)
     if kind == 4:
         hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * [a, b, c] / 2.5)
-        return pp.collision.ConvexHull(np.array(hull.vertices)), hull
+        return pp.collision.ConvexShape(np.array(hull.vertices)), hull
     mesh = _channel(max(a, 0.025), b, max(c, 0.02), 0.25)
     return pp.Mesh.from_arrays(np.array(mesh.vertices), np.array(mesh.faces), hull=False), mesh
 
@@ -160,7 +160,7 @@ def _coal_part(shape: pp.Shape, mesh: trimesh.Trimesh) -> object:
     model.addVertices(np.ascontiguousarray(mesh.vertices))
     model.addTriangles(np.ascontiguousarray(mesh.faces, dtype=np.int64))
     model.endModel()
-    if isinstance(shape, pp.collision.ConvexHull):
+    if isinstance(shape, pp.collision.ConvexShape):
         model.buildConvexHull(True, "Qt")
         return model.convex
     return model

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, OccupancyGrid, PointCloud, Sphere
-from pinproof.collision import Cone, ConvexHull, Ellipsoid, HeightMap
+from pinproof.collision import Cone, ConvexShape, Ellipsoid, HeightMap
 from pinproof.collision.geometry.bodies import shape_body
 from pinproof.collision.geometry.shapes import Shape
 from pinproof.description import LinkGeometry
@@ -116,7 +116,8 @@ EXAMPLES = {
     "capsule": Capsule(0.1, 0.4),
     "cone": Cone(0.2, 0.6),
     "ellipsoid": Ellipsoid(0.1, 0.2, 0.3),
-    "hull": ConvexHull(np.random.default_rng(0).normal(size=(20, 3))),
+    "hull": ConvexShape(np.random.default_rng(0).normal(size=(20, 3))),
+    "rounded": ConvexShape(np.random.default_rng(0).normal(size=(20, 3)), 0.1),
     "mesh": Mesh.from_arrays(BALL.vertices, BALL.faces, hull=False),
     "cloud": PointCloud(np.random.default_rng(1).uniform(-1, 1, (40, 3)), 0.1),
     "ground": HeightMap(np.random.default_rng(2).uniform(0, 0.2, (4, 5)), 1, 2),

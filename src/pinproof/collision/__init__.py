@@ -66,14 +66,14 @@ from pinproof.collision.checking.separation import directions_to_facets
 from pinproof.collision.checking.spec import CheckerSpec, checked_margin, files_examined_once
 from pinproof.collision.geometry.bodies import Body, triangles_of
 from pinproof.collision.geometry.depth_image import DepthView, Intrinsics, read_points
-from pinproof.collision.geometry.hulls import connected_parts, hull_triangles
-from pinproof.collision.geometry.inner_shapes import inner_shapes, spiral_directions
+from pinproof.collision.geometry.hulls import connected_parts, hull_triangles, rounded_corners, spiral_directions
+from pinproof.collision.geometry.inner_shapes import inner_shapes
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
     Box,
     Capsule,
     Cone,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     Ellipsoid,
     HalfSpace,
@@ -108,7 +108,7 @@ __all__ = [
     "ConstraintProof",
     "ConstraintViolation",
     "Contact",
-    "ConvexHull",
+    "ConvexShape",
     "Cylinder",
     "DepthView",
     "Ellipsoid",
@@ -177,6 +177,7 @@ __all__ = [
     "remove_body",
     "remove_robot",
     "require_curve",
+    "rounded_corners",
     "sample_overlaps",
     "setup_of",
     "speed_violations",

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.geometry.bodies import triangles_of
-from pinproof.collision.geometry.hulls import Solid, hull_triangles
+from pinproof.collision.geometry.hulls import Solid, hull_triangles, rounded_corners
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.octomap_file import octomap_leaves
 from pinproof.collision.geometry.shapes import (
@@ -36,7 +36,7 @@ from pinproof.collision.geometry.shapes import (
     Box,
     Capsule,
     Cone,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     HalfSpace,
     Mesh,
@@ -189,9 +189,9 @@ def _shape_fields(obstacle: Obstacle) -> dict[str, Any]:
     # A plane has its material behind it; all else is a mesh.
     elif isinstance(shape, HalfSpace):
         return {"planes": [{"coef": [0.0, 0.0, 1.0, 0.0]}], "plane_poses": [_pose_fields(pin.SE3.Identity())["pose"]]}
-    elif isinstance(shape, (Mesh, ConvexHull)):
-        if isinstance(shape, ConvexHull):
-            vertices, hull = np.asarray(shape.points), True
+    elif isinstance(shape, (Mesh, ConvexShape)):
+        if isinstance(shape, ConvexShape):
+            vertices, hull = rounded_corners(shape.points, shape.radius), True
         else:
             read = triangles_of(shape)
             vertices, triangles, hull = read.vertices, read.triangles, bool(shape.hull)

@@ -11,7 +11,7 @@ from pinproof.ik.methods import IK_METHODS, bench, make_ik
 from pinproof.ik.reach_check import BodyOverlap
 from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
 from pinproof.ik.result import NEAR_LIMIT, IkBatch, IkResult, IkSolutions, IkStatus
-from pinproof.ik.task import IkGoal, IkTask, TaskName, make_task
+from pinproof.ik.task import Cost, GoalLike, IkGoal, IkTask, TaskName, look_at, make_task, posture
 from pinproof.ik.tracking import Tracker, TrackResult, track
 
 __all__ = [
@@ -20,10 +20,12 @@ __all__ = [
     "AnalyticIk",
     "BodyOverlap",
     "Clik",
+    "Cost",
     "CurveEnd",
     "DampedLeastSquares",
     "DescentState",
     "Fabrik",
+    "GoalLike",
     "IkBatch",
     "IkBranches",
     "IkBranchesBatch",
@@ -47,8 +49,10 @@ __all__ = [
     "Tracker",
     "bench",
     "is_provable",
+    "look_at",
     "make_ik",
     "make_task",
+    "posture",
     "prove_unreachable",
     "track",
 ]

@@ -14,7 +14,7 @@ from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.loop import CompiledRule, DescentState, ObservingRule, Stall, StepRule
 from pinproof.ik.result import TURN, stops
-from pinproof.ik.task import GoalName, IkGoal, Task
+from pinproof.ik.task import GoalLike, Task
 from pinproof.model import Arm
 from pinproof.spatial import Array, inverse_matrix, matrix, rotation_about_line
 
@@ -74,7 +74,7 @@ class Fabrik(IterativeIk):
         if not isinstance(self.polish, bool):
             raise InputError(f"polish must be True or False, not {self.polish!r}")
 
-    def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:
+    def check(self, arm: Arm, task: Task, goal: GoalLike | None) -> None:
         """Reject tasks, goals and arms that the passes do not support."""
         positions, angles = int(task.mask[:3].sum()), int(task.mask[3:].sum())
         if positions not in (0, 3) or angles == 1:

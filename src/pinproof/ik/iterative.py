@@ -38,7 +38,7 @@ from pinproof.ik.result import (
     plural,
     wraps,
 )
-from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
+from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
 
@@ -101,7 +101,7 @@ class IterativeIk(ABC):
     def step_rule(self) -> StepRule:
         """A fresh step rule for one attempt: any function of residual and Jacobian (:class:`StepRule`)."""
 
-    def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:  # noqa: B027 - most do it all
+    def check(self, arm: Arm, task: Task, goal: GoalLike | None) -> None:  # noqa: B027 - most do it all
         """Reject arms, tasks and goals that the method does not support; by default none.
 
         Raises
@@ -123,7 +123,7 @@ class IterativeIk(ABC):
         rng: Rng = 0,
         task: TaskLike = "pose",
         accept: Accept | None = None,
-        goal: GoalName | IkGoal | None = None,
+        goal: GoalLike | None = None,
         on_step: OnStep | None = None,
     ) -> IkResult:
         """A configuration of the arm that brings its tcp to the target.
@@ -147,7 +147,10 @@ class IterativeIk(ABC):
             Called with a copy of each solution (n,). If it returns False, the search continues.
         goal
             Null-space objective for the degrees of freedom that the task leaves: ``"centre"`` (middle of the joint
-            ranges), ``"near"`` (close to q0), ``"manipulability"``, or an :class:`~pinproof.ik.IkGoal`.
+            ranges), ``"near"`` (close to q0), ``"manipulability"``, or an :class:`~pinproof.ik.IkGoal`. Also any
+            function of q (n,) that returns a number to make small, or pairs of a weight and such a function: among the
+            configurations that satisfy the task, the search continues while the sum decreases. It then runs on
+            Pinocchio. :func:`~pinproof.ik.posture` and :func:`~pinproof.ik.look_at` return such functions.
         on_step
             Called with every step, for example for plots.
 
@@ -171,7 +174,7 @@ class IterativeIk(ABC):
         rng: Rng = 0,
         task: TaskLike = "pose",
         accept: Accept | None = None,
-        goal: GoalName | IkGoal | None = None,
+        goal: GoalLike | None = None,
         threads: int = 1,
     ) -> IkBatch:
         """:meth:`solve` for N targets.
@@ -200,7 +203,9 @@ class IterativeIk(ABC):
         else:
             starts = finite("q0", q0, (len(many), arm.dof))
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        solver = self._compiled(arm, resolved, None)
+        null_space = make_goal(goal, arm, arm.home)
+        called_back = isinstance(null_space, CostGoal) and self.engine != "compiled"
+        solver = None if called_back else self._compiled(arm, resolved, None)
         # one target after the other, where Python is called back
         if accept is not None or solver is None:
 
@@ -214,7 +219,7 @@ class IterativeIk(ABC):
 
         # all targets at once in the compiled core, which does not call back
         self.check(arm, resolved, goal)
-        null_space, seeds = make_goal(goal, arm, arm.home), seeds_of(arm, rng).compiled
+        seeds = seeds_of(arm, rng).compiled
         compiled = None if null_space is None else null_space.compiled
         q, position, orientation, ok, iterations, attempts = solver.solve_batch(
             many, starts, seeds, compiled, self.restarts + 1, threads
@@ -294,13 +299,14 @@ class IterativeIk(ABC):
         start: Array,
         rng: Rng,
         task: Task,
-        goal: GoalName | IkGoal | None,
+        goal: GoalLike | None,
         on_step: OnStep | None,
     ) -> tuple[Search, str]:
         """The attempts for a target (4, 4), and the name of the engine that makes them."""
         self.check(arm, task, goal)
         seeds, null_space = seeds_of(arm, rng), make_goal(goal, arm, start)
-        solver = self._compiled(arm, task, on_step)
+        called_back = isinstance(null_space, CostGoal) and self.engine != "compiled"
+        solver = None if called_back else self._compiled(arm, task, on_step)
         if solver is not None:
             compiled = None if null_space is None else null_space.compiled
             return CompiledSearch(solver, seeds.compiled, compiled, target, start), "compiled"

@@ -30,7 +30,7 @@ from pinproof._core import Seeds as CompiledSeeds
 from pinproof.common.validation import Rng, random_generator
 from pinproof.errors import InputError
 from pinproof.ik.result import TURN, Candidate, judge, nearest_winding, stops, wraps
-from pinproof.ik.task import Goal, Task
+from pinproof.ik.task import CostGoal, Goal, Task
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, matrix, rigid
 
@@ -87,6 +87,9 @@ SATURATION: float = IkSolver.SATURATION
 SMALLEST_STEP: float = IkSolver.SMALLEST_STEP
 GOAL_CONVERGED: float = IkSolver.GOAL_CONVERGED
 GOAL_STEPS: int = IkSolver.GOAL_STEPS
+
+LEAST_SHARE = 1e-4
+"""Share of a step for a cost; if even a shorter one increases the cost, it is as small as the task allows."""
 
 
 class Stall(NamedTuple):
@@ -194,7 +197,7 @@ class PinocchioSearch:
         arm: Arm,
         target: Array,
         task: Task,
-        goal: Goal | None,
+        goal: Goal | CostGoal | None,
         seeds: Seeds,
         q0: Array,
         *,
@@ -266,7 +269,7 @@ class PinocchioSearch:
         if not callable(rule):
             raise InputError(f"step_rule() must return a function of (residual, jacobian), not {rule!r:.80}")
         observe = getattr(rule, "observe", None)
-        best_q, best, reached = q, np.inf, False
+        best_q, best, best_cost, share, reached = q, np.inf, np.inf, 1.0, False
         mark, marked_at, iteration = np.inf, 0, 0
         while True:
             # the residual, and whether q is the best configuration so far
@@ -275,6 +278,16 @@ class PinocchioSearch:
             residual = task.residual(target_from_tcp)
             squared = float(residual.dot(residual))
             satisfied = task.reached(residual)
+            # A step for a cost that increased it, because the solutions are curved, is undone and made half as long.
+            if satisfied and isinstance(goal, CostGoal):
+                cost = goal.cost(q)
+                share = min(2.0 * share, 1.0) if cost <= best_cost else share / 4.0
+                if cost > best_cost and share > LEAST_SHARE and iteration < self._max_iterations + GOAL_STEPS:
+                    q, iteration = best_q, iteration + 1
+                    continue
+                if cost > best_cost:
+                    break
+                best_cost = cost
             if satisfied or (not reached and squared < best):
                 best_q, best = q, squared
             reached = reached or satisfied
@@ -293,7 +306,7 @@ class PinocchioSearch:
             rotation = target_from_tcp[:3, :3]
             jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
             limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-            goal_step = goal.step(arm, q) if satisfied and goal is not None else np.zeros(arm.dof)
+            goal_step = share * goal.step(arm, q, jacobian) if satisfied and goal is not None else np.zeros(arm.dof)
             step = self._step_within_limits(q, limited, jacobian, goal_step, rule)
             largest = float(np.abs(step).max())
             if largest <= SMALLEST_STEP or (satisfied and largest <= GOAL_CONVERGED):

@@ -14,9 +14,10 @@ Source: Sola, Deray, Atchuthan (2018), "A micro Lie theory for state estimation 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import combinations
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -27,7 +28,7 @@ from pinproof._core import Task as CompiledTask
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-from pinproof.spatial import Array
+from pinproof.spatial import Array, finite, unit_vector
 
 TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
 TaskLike: TypeAlias = "TaskName | IkTask | Sequence[bool]"
@@ -190,6 +191,9 @@ FINITE_STEP = 1e-5
 TINY = 1e-14
 """Added to the squares of the singular values, so that the logarithm is finite at singularities."""
 
+NULL_SHARE = 1e-9
+"""A singular value of a Jacobian up to this share of the largest one is zero: rounding errors only."""
+
 LONGEST_GOAL_STEP = 0.2
 """Rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied."""
 
@@ -240,7 +244,7 @@ class Goal:
         """The goal for the compiled core."""
         return CompiledGoal(self.kind, self.gain, self.posture, self.weight)
 
-    def step(self, arm: Arm, q: Array) -> Array:
+    def step(self, arm: Arm, q: Array, jacobian: Array) -> Array:  # noqa: ARG002 - it is projected by the rule
         """The step (n,) at q before its projection into the null space; equal to that of :attr:`compiled`."""
         if self.kind == "manipulability":
             shifts = FINITE_STEP * np.eye(arm.dof)
@@ -252,12 +256,122 @@ class Goal:
         return np.asarray(step * (LONGEST_GOAL_STEP / largest) if largest > LONGEST_GOAL_STEP else step)
 
 
-def make_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Goal | None:
+Cost: TypeAlias = Callable[[Array], float]
+"""An objective: a number for a configuration (n,), which is made small; twice differentiable where it is used."""
+
+GoalLike: TypeAlias = "GoalName | IkGoal | Cost | Sequence[tuple[float, Cost]]"
+"""What ``goal=`` accepts: a name, an :class:`IkGoal`, a cost, or weighted costs of which the sum is made small."""
+
+COST_STEP = 1e-4
+"""Rad or m, for central differences of costs: errors of about 1e-8 of a cost in slopes and in curvatures."""
+
+FLATTEST = 1e-6
+"""Smallest curvature, relative to the largest, that a step for a cost assumes."""
+
+MOST_HALVINGS = 8
+"""Number of times by which a step is halved that would increase a cost."""
+
+
+def null_space(rows: Array) -> Array:
+    """Return an orthonormal basis (n, k) of the motions that do not change what has the derivatives ``rows`` (m, n)."""
+    values, right = np.linalg.svd(rows)[1:]
+    rank = int((values > NULL_SHARE * max(float(values[0]), NULL_SHARE)).sum())
+    return np.asarray(right[rank:].T)
+
+
+@dataclass(frozen=True, eq=False)
+class CostGoal:
+    """The sum of weighted costs, which Newton's method makes small in the null space of the task."""
+
+    costs: tuple[tuple[float, Cost], ...]
+
+    @property
+    def compiled(self) -> CompiledGoal:
+        """Refused, because the compiled core cannot call Python."""
+        raise InputError("a cost as goal= needs the loop on Pinocchio; use engine='auto', and solve in place of track")
+
+    def cost(self, q: Array) -> float:
+        """The sum at a configuration (n,); InputError if a cost returns no finite number."""
+        total = 0.0
+        for weight, cost in self.costs:
+            value = cost(q.copy())
+            if np.ndim(value) or not np.isfinite(value):
+                raise InputError(f"a cost of goal= must return a finite number, not {value!r:.80} at q = {q.tolist()}")
+            total += weight * float(value)
+        return total
+
+    def step(self, arm: Arm, q: Array, jacobian: Array) -> Array:
+        """The step (n,) at q, along which the task with this Jacobian (6, n) does not change to first order.
+
+        Slopes and curvatures along a basis of the null space are central differences. A joint at a limit through which
+        the step would leave the range is held.
+        """
+        held, now = np.zeros(arm.dof, dtype=bool), self.cost(q)
+        while True:
+            basis = null_space(np.concatenate([jacobian, np.eye(arm.dof)[held]]))
+            k = basis.shape[1]
+            if k == 0:
+                return np.zeros(arm.dof)
+            shifts = COST_STEP * basis.T
+            ahead, behind = (np.array([self.cost(q + sign * shift) for shift in shifts]) for sign in (1.0, -1.0))
+            slope, curvature = (ahead - behind) / (2 * COST_STEP), np.diag(ahead + behind - 2 * now)
+            for i, j in combinations(range(k), 2):
+                both = self.cost(q + shifts[i] + shifts[j]) + self.cost(q - shifts[i] - shifts[j])
+                curvature[i, j] = curvature[j, i] = (both - ahead[i] - ahead[j] - behind[i] - behind[j] + 2 * now) / 2
+            # Newton's step, with the curvatures made positive so that it leads downwards.
+            values, axes = np.linalg.eigh(curvature / COST_STEP**2)
+            values = np.maximum(np.abs(values), max(FLATTEST * float(np.abs(values).max()), TINY))
+            step = -basis @ (axes @ ((axes.T @ slope) / values))
+            leaves = ((q <= arm.limits.lower) & (step < 0)) | ((q >= arm.limits.upper) & (step > 0))
+            if not (leaves & ~held).any():
+                break
+            held = held | leaves
+        step *= min(1.0, LONGEST_GOAL_STEP / max(float(np.abs(step).max()), TINY))
+        for _ in range(MOST_HALVINGS):
+            if self.cost(q + step) < now:
+                return np.asarray(step)
+            step = step / 2
+        return np.zeros(arm.dof)
+
+
+def posture(q: npt.ArrayLike, weights: npt.ArrayLike = 1.0) -> Cost:
+    """Return half the squared distance from a configuration (n,), with a weight for all joints or for each (n,).
+
+    With the start of a motion as ``q``, it is the damping of a controller: the joints move as little as possible.
+    """
+    wanted, scale = np.array(q, dtype=float), np.array(weights, dtype=float)
+    return lambda at: 0.5 * float((scale * (at - wanted) ** 2).sum())
+
+
+def look_at(arm: Arm, point: npt.ArrayLike, axis_in_tcp: npt.ArrayLike = (0.0, 0.0, 1.0)) -> Cost:
+    """Return 1 - cos of the angle between an axis of the tcp and the direction from the tcp to a point (m) of the base.
+
+    For tasks that leave the orientation free; the same condition over a whole motion is
+    :class:`~pinproof.collision.LookAt`.
+    """
+    target, axis = finite("point", point, (3,)), np.array(unit_vector("axis_in_tcp", axis_in_tcp))
+
+    def cost(q: Array) -> float:
+        local = arm.forward_kinematics(q).actInv(target)
+        return 1.0 - float(axis @ local) / max(float(np.linalg.norm(local)), TINY)
+
+    return cost
+
+
+def make_goal(goal: GoalLike | None, arm: Arm, q0: Array) -> Goal | CostGoal | None:
     """Make the goal of an arm and a start q0 (n,)."""
     if goal is None:
         return None
+    if callable(goal):
+        return CostGoal(((1.0, goal),))
+    if isinstance(goal, (list, tuple)):
+        if not goal or not all(isinstance(pair, tuple) and len(pair) == 2 and callable(pair[1]) for pair in goal):
+            raise InputError(f"goal must be pairs of a weight and a function of q, not {goal!r:.80}")
+        for weight, _ in goal:
+            require_positive("a weight of goal", weight, zero=True)
+        return CostGoal(tuple(goal))
     if not isinstance(goal, IkGoal):
-        goal = IkGoal(goal)
+        goal = IkGoal(goal)  # type: ignore[arg-type]  # refused there if it is no name
     gain = 1.0 if goal.gain is None else goal.gain
     if goal.kind != "centre":
         return Goal(goal.kind, gain, q0, np.ones(arm.dof))

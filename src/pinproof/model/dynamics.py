@@ -25,7 +25,7 @@ moment, that is attributed to rounding in files."""
 
 
 class ArmBodies(Protocol):
-    """The attributes of :class:`pinproof.JointGroup` on which its dynamics depend."""
+    """The attributes of :class:`pinproof.model.JointGroup` on which its dynamics depend."""
 
     robot: Any
     ends: Mapping[str, tuple[str, str]]

@@ -24,7 +24,7 @@ from pinproof.collision import (
     Box,
     Capsule,
     Cone,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     Ellipsoid,
     HalfSpace,
@@ -38,6 +38,7 @@ from pinproof.collision import (
     connected_parts,
     ground_surface,
     hull_triangles,
+    rounded_corners,
     triangles_of,
 )
 from pinproof.common import theme
@@ -231,7 +232,7 @@ def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
 
         def hull() -> list[Surface]:
             try:
-                return [shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)]
+                return [shade(*_hull(ConvexShape(mesh.vertices)), COLLISION_AMBER)]
             except InputError:  # a flat mesh has no hull
                 return [shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)]
 
@@ -359,8 +360,9 @@ def _capsule(radius: float, length: float) -> Triangles:
     return revolved(radii, heights)
 
 
-def _hull(shape: ConvexHull) -> Triangles:
-    return shape.points, hull_triangles(shape.points)
+def _hull(shape: ConvexShape) -> Triangles:
+    corners = rounded_corners(shape.points, shape.radius)
+    return corners, hull_triangles(corners)
 
 
 PLATE = box_triangles(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
@@ -373,7 +375,7 @@ SHAPES: dict[type, Callable[[Any], Triangles]] = {
     Cone: lambda shape: _cone(shape.radius, shape.length),
     Ellipsoid: lambda shape: (_sphere(1.0)[0] * [shape.rx, shape.ry, shape.rz], _sphere(1.0)[1]),
     HalfSpace: lambda _: (PLATE[0] - [0.0, 0.0, PLATE_THICKNESS / 2], PLATE[1]),
-    ConvexHull: _hull,
+    ConvexShape: _hull,
     Mesh: lambda shape: (triangles_of(shape).vertices, triangles_of(shape).triangles),
     PointCloud: cell_faces,
     OccupancyGrid: cell_faces,

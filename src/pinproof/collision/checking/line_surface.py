@@ -16,7 +16,7 @@ import numpy as np
 from pinproof._core import enter_triangles
 from pinproof.collision.checking.placed_bodies import MeasureByCoal
 from pinproof.collision.geometry.bodies import Body, Support, one_inside_other, shape_body, triangles_of
-from pinproof.collision.geometry.hulls import Solid
+from pinproof.collision.geometry.hulls import Solid, rounded_corners
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
 from pinproof.collision.geometry.surfaces import cell_faces, ground_surface
@@ -129,14 +129,14 @@ class LineSurface:
                 ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(CONE_SIDES)], axis=1)
                 rim = np.unique((points[:, None] + discs[:, None, None] * ring).reshape(-1, 3), axis=0)
                 return partial(_planes, *_facets(rim))
-        elif support.radius > 0:  # a sphere or a capsule, the union of two balls and a cylinder
+        elif support.radius > 0 and len(points) <= 2 and not np.ptp(points[:, :2], axis=0).any():
+            # a sphere or a capsule: the union of two balls and a cylinder
             parts: list[Span] = [partial(_ellipsoid, point, np.full(3, support.radius)) for point in points]
-            if len(points) == 2 and not np.ptp(points[:, :2], axis=0).any():
+            if len(points) == 2:
                 parts.append(partial(_cylinder, points, support.radius))
-            if len(points) <= 2:
-                return partial(_union, parts)
+            return partial(_union, parts)
         else:
-            return partial(_planes, *_facets(points))
+            return partial(_planes, *_facets(rounded_corners(points, support.radius)))
         raise InputError("a body of this kind has no surface that lines could be intersected with")
 
 

@@ -24,14 +24,24 @@ from pinproof._core import Body as CoreBody
 from pinproof._core import Shape as CoreShape
 from pinproof._core import bodies_on_joint, box_bodies
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
-from pinproof.collision.geometry.hulls import Inside, Solid, Surface, bvh, convex_hull, core_mesh, hull_of_any
+from pinproof.collision.geometry.hulls import (
+    Inside,
+    PointHull,
+    Solid,
+    Surface,
+    bvh,
+    convex_hull,
+    core_mesh,
+    hull_of_any,
+    rounded_corners,
+)
 from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import (
     BODY,
     Box,
     Capsule,
     Cone,
-    ConvexHull,
+    ConvexShape,
     Cylinder,
     Ellipsoid,
     HalfSpace,
@@ -584,6 +594,17 @@ def _hull(points: Array, what: str) -> Made:
     return geometry, _box_around(points), Support(np.array(geometry.points(), dtype=float)), None
 
 
+def _rounded(points: Array, radius: float) -> Made:
+    """Return the hull of points, which may be flat, grown by a ball; coal, which measures depths, has a polytope."""
+    corners = PointHull(points).points
+    return (
+        hull_of_any(rounded_corners(corners, radius)),
+        _box_around(corners) + ENDS * radius,
+        Support(corners, radius),
+        None,
+    )
+
+
 def _piece(points: Array) -> Made:
     """Return a convex hull that contains points (V, 3), which may be flat."""
     geometry = hull_of_any(points)
@@ -616,7 +637,7 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
         None,
         None,
     ),
-    ConvexHull: lambda s: _hull(np.asarray(s.points), "the convex hull"),
+    ConvexShape: lambda s: _rounded(s.points, s.radius) if s.radius else _hull(s.points, "the convex shape"),
     Mesh: lambda s: _unmodified(*_stamped(s)),
     PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),
     OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, ClassVar, Protocol
 
 import coal
@@ -112,6 +112,10 @@ THICKENING = 10.0
 """Thickness of flat points after thickening, as a multiple of the smallest that has a hull: 1e-5 m below 10 m."""
 
 
+BALL_POINTS = 150
+"""Number of corners of the polytope that replaces a ball where a body must be a polytope."""
+
+
 def convex_hull(points: Array, what: str) -> Any:
     """Return the coal shape of the hull of ``points`` (V, 3); InputError, which names them, if they have none."""
     refuse_flat(points, what)
@@ -145,6 +149,31 @@ def hull_of_any(points: Array) -> Any:
     grow = np.maximum(least - (high - low), 0.0) / 2
     corners = np.array(np.meshgrid(*zip(low - grow, high + grow, strict=True))).reshape(3, 8).T
     return convex_hull(centre + corners @ axes, "a cluster")
+
+
+def spiral_directions(count: int) -> Array:
+    """Return (count, 3) unit vectors that are distributed over the sphere by a Fibonacci spiral."""
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    across = np.sqrt(1 - z**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
+
+
+@cache
+def _around_unit_ball() -> Array:
+    """Points whose hull contains the unit ball: on a sphere so large that no facet of the hull cuts the ball."""
+    from scipy.spatial import ConvexHull
+
+    points = spiral_directions(BALL_POINTS)
+    return np.asarray(points / -ConvexHull(points).equations[:, 3].max())
+
+
+def rounded_corners(points: Array, radius: float) -> Array:
+    """Return the corners (V, 3) of a polytope around the hull of points (V, 3), grown by a ball.
+
+    With :data:`BALL_POINTS` it extends at most 3 % of the radius beyond the body.
+    """
+    return PointHull((points[:, None] + radius * _around_unit_ball()).reshape(-1, 3) if radius else points).points
 
 
 def refuse_flat(points: Array, what: str) -> None:

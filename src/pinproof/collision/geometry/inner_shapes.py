@@ -12,7 +12,7 @@ import coal
 import numpy as np
 
 from pinproof.collision.geometry.bodies import MOST_EXCESS, Body, Support
-from pinproof.collision.geometry.hulls import Solid, winding_number, with_area
+from pinproof.collision.geometry.hulls import Solid, spiral_directions, winding_number, with_area
 from pinproof.collision.geometry.surfaces import Cells
 from pinproof.spatial import Array
 
@@ -106,14 +106,6 @@ def inner_shapes(body: Body) -> InnerShapes:
         _KEPT.clear()
     _KEPT[key] = shapes
     return shapes
-
-
-def spiral_directions(count: int) -> Array:
-    """Return (count, 3) unit vectors that are distributed over the sphere by a Fibonacci spiral."""
-    k = np.arange(count) + 0.5
-    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    across = np.sqrt(1 - z**2)
-    return np.stack([across * np.cos(angle), across * np.sin(angle), z], axis=1)
 
 
 def extremes(support: Support, *, with_ball: bool = False) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import is_rigid
-from pinproof.collision.geometry.hulls import refuse_flat
+from pinproof.collision.geometry.hulls import FLAT, refuse_flat
 from pinproof.collision.geometry.occupancy import GRID, OccupancyGrid, stated_grid
 from pinproof.collision.geometry.shape_values import (
     COORDINATE,
@@ -52,7 +53,7 @@ from pinproof.common.structs import (
     table_of,
     vector,
 )
-from pinproof.common.validation import named_arguments
+from pinproof.common.validation import named_arguments, require_number
 from pinproof.errors import InputError
 from pinproof.model import coal_shape
 from pinproof.spatial import SE3, Array, finite, frozen, rigid
@@ -64,19 +65,107 @@ BELOW_LOWEST = 0.01
 """Metres: default distance of the underside of a height map from its lowest point."""
 
 
+MOST_DIRECTIONS = 10_000
+"""Number of directions in which :meth:`ConvexShape.from_support` asks for farthest points."""
+
+LEAST_SHARE = 1e-3
+"""Smallest part of the side of a triangle of directions, relative to the other one, into which it is divided."""
+
+SUPPORT_TOLERANCE = 1e-9
+"""Metres by which a farthest point may be nearer than another one: rounding of the function that computes it."""
+
+
 @named_arguments
-@struct("convex_hull", eq=False, repr=False)
-class ConvexHull(ByContent):
-    """The convex hull of points."""
+@struct("rounded_hull", eq=False, repr=False)
+class ConvexShape(ByContent):
+    """The convex hull of points, grown by a ball (their Minkowski sum)."""
 
     points: Accepting[Array, npt.ArrayLike] = key(
-        "(V, 3) the points, which are not all in one plane",
+        "(V, 3) the points; without a radius they are not all in one plane",
         "m",
-        kind=array_of(list_of(vector(3, COORDINATE), 4), (None, 3), coordinates),
+        kind=array_of(list_of(vector(3, COORDINATE), 1), (None, 3), coordinates),
     )
+    radius: float = key("radius of the ball", "m", default=0.0, kind=number(minimum=0, maximum=LARGEST_SIZE))
 
     def __post_init__(self) -> None:
-        refuse_flat(self.points, "ConvexHull.points")
+        if self.radius < FLAT or not len(self.points):
+            refuse_flat(self.points, "ConvexShape.points")
+
+    @classmethod
+    def from_support(cls, farthest: Callable[[Array], npt.ArrayLike], *, error: float) -> ConvexShape:
+        """Return a shape that contains any convex body, and is contained in the body grown by a ball of ``error``.
+
+        Parameters
+        ----------
+        farthest
+            The support mapping of the body, as in GJK: a farthest point (3,) of it (m) in a unit direction (3,).
+        error
+            Metres; 1e-6 or more.
+
+        Raises
+        ------
+        InputError
+            If a point is not the farthest in its direction, as another one shows, or if the error needs more than
+            :data:`MOST_DIRECTIONS` directions.
+
+        Notes
+        -----
+        The sphere is divided into triangles with corners d_i; x_i are the farthest points, and v is the point at which
+        the three planes d_i . x = d_i . x_i meet. A direction u in the triangle is sum_i a_i d_i with a_i >= 0, so that
+        the farthest point of the body in it is not beyond v: max u . x <= sum_i a_i d_i . x_i = u . v. The body is
+        therefore inside the hull of all v (R. T. Rockafellar, 1970, "Convex analysis", theorem 13.1). If every v is
+        within r of the hull of all x_i, the body is inside this hull grown by r, which is returned; and all x_i are in
+        the body. A triangle with a v farther away than ``error`` is divided at a direction on one side in which both
+        x_i are equally far, so that the vertices of a polytope are found exactly.
+        """
+        require_number("error (m)", error, minimum=FLAT)
+        known: dict[bytes, Array] = {}
+
+        def touched(direction: Array) -> Array:
+            name = direction.tobytes()
+            if name not in known:
+                if len(known) == MOST_DIRECTIONS:
+                    raise InputError(f"error = {error:g} m needs more than {MOST_DIRECTIONS} directions; enlarge it")
+                known[name] = coordinates(f"farthest({direction.tolist()})", farthest(direction.copy()), (3,))
+            return known[name]
+
+        x, y, z = np.eye(3)
+        open_triangles = [(i, j, k) for i in (x, 0.0 - x) for j in (y, 0.0 - y) for k in (z, 0.0 - z)]
+        radius = rounding = 0.0
+        while open_triangles:
+            triangles, open_triangles = np.array(open_triangles), []
+            touching = np.array([[touched(direction) for direction in corners] for corners in triangles])
+            found = np.array(list(known.values()))
+            for d, at in zip(triangles, touching, strict=True):
+                offsets = np.einsum("ij,ij->i", d, at)
+                meeting = at[0] + np.linalg.solve(d, offsets - d @ at[0])
+                # Its distance from a point of the triangle of the x_i, or from any x, is at least that from their hull.
+                shares = np.linalg.lstsq((at[1:] - at[0]).T, meeting - at[0], rcond=None)[0]
+                weights = np.maximum([1.0 - shares.sum(), *shares], 0.0)
+                away = float(np.linalg.norm(meeting - weights @ at / weights.sum()))
+                if away > error:
+                    away = float(np.linalg.norm(found - meeting, axis=1).min())
+                if away <= error:
+                    radius, rounding = max(radius, away), max(rounding, float(np.abs(d @ meeting - offsets).max()))
+                    continue
+                # The side along which the farthest point changes most, or else the longest one.
+                sides = []
+                for i, j in ((0, 1), (1, 2), (2, 0)):
+                    here, there = d[i] @ (at[i] - at[j]), d[j] @ (at[j] - at[i])
+                    change = min(here, there)
+                    change = change if change > max(SUPPORT_TOLERANCE, LEAST_SHARE * max(here, there)) else 0.0
+                    sides.append((change, -d[i] @ d[j], i, j, there * d[i] + here * d[j] if change else d[i] + d[j]))
+                *_, i, j, middle = max(sides, key=lambda side: side[:2])
+                middle = middle / np.linalg.norm(middle) + 0.0
+                open_triangles += [(d[i], middle, d[3 - i - j]), (middle, d[j], d[3 - i - j])]
+        directions, touching = np.array([np.frombuffer(name) for name in known]), np.array(list(known.values()))
+        points, reached = np.unique(touching, axis=0), np.einsum("ij,ij->i", directions, touching)
+        for direction, reach in zip(directions, reached, strict=True):
+            if (beyond := float((points @ direction).max() - reach)) > SUPPORT_TOLERANCE:
+                raise InputError(
+                    f"farthest({direction.tolist()}) is not the farthest point: another one is {beyond:.3g} m farther"
+                )
+        return cls(points, max(radius + 2.0 * (rounding + SUPPORT_TOLERANCE), FLAT))
 
 
 def _factors(name: str, value: Any) -> tuple[float, float, float]:
@@ -342,7 +431,7 @@ Shape = (
     | Cone
     | Ellipsoid
     | HalfSpace
-    | ConvexHull
+    | ConvexShape
     | PointCloud
     | HeightMap
     | OccupancyGrid
@@ -432,7 +521,7 @@ def _of_coal(name: str, value: Any) -> Shape | _PlacedShape:
     if kind == "mesh":
         return Mesh.from_arrays(vertices, triangles)
     if kind == "convex":
-        return ConvexHull(vertices)
+        return ConvexShape(vertices)
     if kind != "half_space":
         shape: Shape = SHAPES_BY_KEY[kind](*size)  # type: ignore[arg-type]  # as many numbers as the shape has
         return shape

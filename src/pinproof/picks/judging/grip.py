@@ -35,7 +35,7 @@ import numpy as np
 
 from pinproof.collision import (
     TOUCH,
-    ConvexHull,
+    ConvexShape,
     LineSurface,
     Obstacle,
     SurfacePoints,
@@ -177,14 +177,14 @@ def _centre(surfaces: Sequence[tuple[LineSurface, SE3]]) -> Array:
     return np.asarray(np.mean([at.act(surface.body.box.mean(axis=0)) for surface, at in surfaces], axis=0))
 
 
-def _hull(points: Array, grow: float) -> ConvexHull:
+def _hull(points: Array, grow: float) -> ConvexShape:
     """The hull of points (V, 3), enlarged by a cube of half side ``grow``, or by FLAT if they are coplanar."""
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
     thin = np.linalg.svd(points - points.mean(axis=0), compute_uv=False).min() < FLAT
     by = max(grow, FLAT if thin else 0.0)
     if by > 0.0:
         points = (points[:, None] + by * corners).reshape(-1, 3)
-    return ConvexHull(points)
+    return ConvexShape(points)
 
 
 def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:

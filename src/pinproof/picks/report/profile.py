@@ -12,7 +12,7 @@ import numpy as np
 from pinproof.collision import (
     Body,
     CollisionChecker,
-    ConvexHull,
+    ConvexShape,
     LineSurface,
     Obstacle,
     Scene,
@@ -223,7 +223,7 @@ def _points_of_picks(report: PickReport) -> Array:
 
 def _hull_contains(thing: Obstacle, points: Array) -> bool:
     """Whether the convex hull of an obstacle contains one of the points (N, 3) in the root frame."""
-    hull = LineSurface.of_obstacle(Obstacle("hull", ConvexHull(outer_points(LineSurface.of_obstacle(thing)))))
+    hull = LineSurface.of_obstacle(Obstacle("hull", ConvexShape(outer_points(LineSurface.of_obstacle(thing)))))
     own = (points - thing.pose.translation) @ thing.pose.rotation
     into, out, _ = hull.span(own, np.array([0.0, 0.0, 1.0]))
     return bool(((into <= 0) & (out >= 0)).any())

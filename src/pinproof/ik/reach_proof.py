@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 
@@ -17,6 +16,7 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.common.results import Solution
+from pinproof.common.structs import described, key
 from pinproof.common.validation import Rng, require_integer, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
@@ -46,37 +46,22 @@ class ReachStatus(Enum):
     """The budget was used without a solution or a proof."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ReachProof(IkAnswer):
-    """A configuration that reaches a target, or a proof that none does.
+    """A configuration that reaches a target, or a proof that none does."""
 
-    Parameters
-    ----------
-    status
-        The outcome.
-    arm
-        The arm.
-    target
-        (4, 4) ``base_from_tcp``, read-only.
-    position_tolerance, orientation_tolerance
-        In m and rad. IMPOSSIBLE holds for every pose within both of them from the target.
-    examined
-        Number of boxes of joint values that were examined.
-    q
-        (n,) a solution if the status is FOUND; if it is UNDECIDED, the middle of the box that could not be excluded.
-        Reading it from a proof that none exists raises :class:`pinproof.errors.IkFailed`.
-    overlaps
-        The overlaps that exclude configurations.
-    """
-
-    status: ReachStatus
-    arm: Arm
-    target: Array
-    position_tolerance: float
-    orientation_tolerance: float
-    examined: int
-    q: Solution[Array] = Solution()
-    overlaps: tuple[BodyOverlap, ...] = ()
+    status: ReachStatus = key("the outcome")
+    arm: Arm = key("the arm")
+    target: Array = key("(4, 4) ``base_from_tcp``, read-only")
+    position_tolerance: float = key("IMPOSSIBLE holds for every pose within both tolerances from the target", "m")
+    orientation_tolerance: float = key("the other of them", "rad")
+    examined: int = key("number of boxes of joint values that were examined")
+    q: Solution[Array] = key(
+        "(n,) a solution if the status is FOUND; if it is UNDECIDED, the middle of the box that could not be "
+        "excluded. Reading it from a proof that none exists raises :class:`pinproof.errors.IkFailed`",
+        default=Solution(),
+    )
+    overlaps: tuple[BodyOverlap, ...] = key("the overlaps that exclude configurations", default=())
 
     @property
     def proven(self) -> bool:

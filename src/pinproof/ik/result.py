@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.results import Answer, Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
@@ -163,43 +164,27 @@ class IkStatus(Enum):
     :func:`pinproof.prove_unreachable` excluded all joint values. Iterative methods never return this status."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkResult(IkAnswer):
-    """The result of inverse kinematics for one target.
+    """The result of inverse kinematics for one target."""
 
-    Parameters
-    ----------
-    status
-        The outcome; :attr:`ok` is True if it is FOUND.
-    q
-        (n,) a configuration within the limits; a solution if :attr:`ok`, else see
-        :class:`~pinproof.ik.IkStatus`. Read-only.
-    position_error
-        Distance in m from the tcp to the target at ``q``, by forward kinematics.
-    orientation_error
-        Angle in rad between the orientations of tcp and target. Both errors count only the coordinates that the task
-        selects; if a task selects no position or no orientation, the complete error is reported.
-    iterations
-        Steps over all attempts.
-    restarts
-        Attempts after the first.
-    engine
-        ``"compiled"``, ``"pinocchio"`` or ``"analytic"``.
-    words
-        The message; by default it is composed from the other fields of a solution.
-    counted
-        Whether the task selects any coordinates of the position, and of the orientation.
-    """
-
-    status: IkStatus
-    q: Array
-    position_error: float
-    orientation_error: float
-    iterations: int
-    restarts: int
-    engine: str
-    words: str | None = None
-    counted: Counted = (True, True)
+    status: IkStatus = key("the outcome; :attr:`ok` is True if it is FOUND")
+    q: Array = key(
+        "(n,) a configuration within the limits; a solution if :attr:`ok`, else see :class:`~pinproof.ik.IkStatus`. "
+        "Read-only"
+    )
+    position_error: float = key("distance in m from the tcp to the target at ``q``, by forward kinematics")
+    orientation_error: float = key(
+        "angle in rad between the orientations of tcp and target. Both errors count only the coordinates that the "
+        "task selects; if a task selects no position or no orientation, the complete error is reported"
+    )
+    iterations: int = key("steps over all attempts")
+    restarts: int = key("attempts after the first")
+    engine: str = key('``"compiled"``, ``"pinocchio"`` or ``"analytic"``')
+    words: str | None = key("the message; by default it is composed from the other fields of a solution", default=None)
+    counted: Counted = key(
+        "whether the task selects any coordinates of the position, and of the orientation", default=(True, True)
+    )
 
     def __post_init__(self) -> None:
         if self.q.flags.writeable:
@@ -228,40 +213,22 @@ STATUSES = tuple(IkStatus)
 """The statuses in the order of the codes in batches."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkBatch(Shown):
-    """The results for N targets, in the order of the targets; indexing returns an :class:`IkResult`.
+    """The results for N targets, in the order of the targets; indexing returns an :class:`IkResult`."""
 
-    Parameters
-    ----------
-    q
-        (N, n), as in :class:`IkResult`.
-    codes
-        (N,) the statuses as indices into ``IkStatus``; see :attr:`status`.
-    position_error, orientation_error
-        (N,) in m and rad.
-    iterations, restarts
-        (N,) integers.
-    engine
-        As in :class:`IkResult`.
-    arm
-        The arm, which provides the joint names of :attr:`messages`.
-    words
-        N messages; by default they are composed from the other fields.
-    counted
-        Whether the task selects any coordinates of the position, and of the orientation.
-    """
-
-    q: Array
-    codes: npt.NDArray[np.int8]
-    position_error: Array
-    orientation_error: Array
-    iterations: npt.NDArray[np.int64]
-    restarts: npt.NDArray[np.int64]
-    engine: str
-    arm: Arm
-    words: tuple[str, ...] | None = None
-    counted: Counted = (True, True)
+    q: Array = key("(N, n), as in :class:`IkResult`")
+    codes: npt.NDArray[np.int8] = key("(N,) the statuses as indices into ``IkStatus``; see :attr:`status`")
+    position_error: Array = key("(N,) as in :class:`IkResult`", "m")
+    orientation_error: Array = key("(N,) as in :class:`IkResult`", "rad")
+    iterations: npt.NDArray[np.int64] = key("(N,) steps over all attempts")
+    restarts: npt.NDArray[np.int64] = key("(N,) attempts after the first")
+    engine: str = key("as in :class:`IkResult`")
+    arm: Arm = key("the arm, which provides the joint names of :attr:`messages`")
+    words: tuple[str, ...] | None = key("N messages; by default they are composed from the other fields", default=None)
+    counted: Counted = key(
+        "whether the task selects any coordinates of the position, and of the orientation", default=(True, True)
+    )
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "q", "codes", "position_error", "orientation_error", "iterations", "restarts")
@@ -327,31 +294,17 @@ class IkBatch(Shown):
         return (self[index] for index in range(len(self)))
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkSolutions(IkAnswer):
-    """Several distinct solutions for one target: a sample, which is not known to be complete.
+    """Several distinct solutions for one target: a sample, which is not known to be complete."""
 
-    Parameters
-    ----------
-    q
-        (k, n) solutions within the limits, sorted by the largest joint difference to q0. Read-only.
-    position_error, orientation_error
-        (k,) in m and rad, by forward kinematics.
-    attempts, iterations
-        Number of attempts and steps of the search.
-    engine
-        As in :class:`IkResult`.
-    message
-        A summary as text.
-    """
-
-    q: Array
-    position_error: Array
-    orientation_error: Array
-    attempts: int
-    iterations: int
-    engine: str
-    message: str
+    q: Array = key("(k, n) solutions within the limits, sorted by the largest joint difference to q0. Read-only")
+    position_error: Array = key("(k,) by forward kinematics", "m")
+    orientation_error: Array = key("(k,) by forward kinematics", "rad")
+    attempts: int = key("number of attempts of the search")
+    iterations: int = key("number of its steps")
+    engine: str = key("as in :class:`IkResult`")
+    message: str = key("a summary as text")
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "q", "position_error", "orientation_error")

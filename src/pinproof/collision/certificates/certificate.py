@@ -10,7 +10,7 @@ import hashlib
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -319,91 +319,77 @@ class Parting:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Certificate(Shown):
-    """The verdict over a whole curve, valid between samples too.
+    """The verdict over a whole curve, valid between samples too."""
 
-    Parameters
-    ----------
-    status
-        FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of
-        ``partings``, after it has separated; every constraint is satisfied, and the curve is within ``limits``.
-        COLLIDING: a configuration on the curve was found where a pair is not. VIOLATED: no contact was found, but a
-        limit or a constraint is exceeded. UNDECIDED: none of these could be shown at the tolerance.
-    margin
-        The required distance (m) of all pairs without an individual margin.
-    clearance
-        Proven lower bound (m) of every distance in the tube, for a pair of ``partings`` after its ``end``; NaN unless
-        FREE.
-    observed
-        The smallest distance (m) that was measured on the curve: an upper bound of the true clearance.
-    first_contact, undecided
-        The evidence for COLLIDING and for UNDECIDED.
-    message
-        The verdict as a sentence, with a suggestion where it is not FREE.
-    pairs, intervals
-        Number of checked pairs of bodies, and of intervals.
-    excluded
-        The pairs that were not checked, with the reasons.
-    tolerance
-        Metres: an interval in which bodies move less than this is not bisected further.
-    notes
-        The assumptions of the verdict, in sentences: meshes replaced by hulls, surfaces without an inside, held joints.
-    tube
-        The deviations that are covered, and the largest ones for which the proof remains valid.
-    evidence
-        (K, 7) if recorded: rows of start and end of an interval of the parameter, pair, its proven distance (m) there,
-        and a unit vector (3) in the root frame along which the supports of the two bodies are apart at the middle of
-        the interval (zeros if bounding balls or boxes are).
-    partings
-        The pairs that were allowed to touch at the start, each with the proof that it separates.
-    backwards
-        Whether the proof is of the reversed curve: then ``partings`` refer to that curve, and the pairs may touch at
-        the end of this one.
-    subject
-        The curve and checker of a recorded certificate, for :meth:`save`.
-    attached, held, obstacles
-        The bodies that move with the tcp, the values (rad or m) of the joints outside the arm by name, and the names of
-        the obstacles.
-    constraints
-        The constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``.
-        ``tube.largest_joints`` is about collisions only.
-    limits
-        The comparison of the curve with the joint limits: which quantities, and what exceeds them. None if it was left
-        out, which a note states.
-    violation
-        The violation of a constraint or of a joint limit that comes first on the curve; None unless VIOLATED, or
-        COLLIDING and violated.
-    undecided_constraint
-        The first span in which a constraint is undecided.
-    """
-
-    status: CertificateStatus
-    margin: float
-    clearance: float
-    observed: float
-    first_contact: FirstContact | None
-    undecided: UndecidedSpan | None
-    message: str
-    pairs: int
-    intervals: int
-    excluded: tuple[ExcludedPair, ...]
-    tolerance: float
-    curve: str
-    setup: str
-    notes: tuple[str, ...] = ()
-    tube: MotionTube | None = None
-    evidence: Array | None = None
-    partings: tuple[Parting, ...] = ()
-    backwards: bool = False
-    subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
-    attached: tuple[Obstacle, ...] = ()
-    held: Mapping[str, float] = field(default_factory=dict)
-    obstacles: tuple[str, ...] = ()
-    constraints: tuple[ConstraintProof, ...] = ()
-    limits: LimitCheck | None = None
-    violation: ConstraintViolation | LimitViolation | None = None
-    undecided_constraint: UndecidedConstraint | None = None
+    status: CertificateStatus = key(
+        "FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of "
+        "``partings``, after it has separated; every constraint is satisfied, and the curve is within ``limits``. "
+        "COLLIDING: a configuration on the curve was found where a pair is not. VIOLATED: no contact was found, but "
+        "a limit or a constraint is exceeded. UNDECIDED: none of these could be shown at the tolerance"
+    )
+    margin: float = key("the required distance of all pairs without an individual margin", "m")
+    clearance: float = key(
+        "proven lower bound (m) of every distance in the tube, for a pair of ``partings`` after its ``end``; NaN "
+        "unless FREE"
+    )
+    observed: float = key("the smallest distance measured on the curve: an upper bound of the true clearance", "m")
+    first_contact: FirstContact | None = key("the evidence for COLLIDING")
+    undecided: UndecidedSpan | None = key("the evidence for UNDECIDED")
+    message: str = key("the verdict as a sentence, with a suggestion where it is not FREE")
+    pairs: int = key("number of checked pairs of bodies")
+    intervals: int = key("number of checked intervals")
+    excluded: tuple[ExcludedPair, ...] = key("the pairs that were not checked, with the reasons")
+    tolerance: float = key("an interval in which bodies move less than this is not bisected further", "m")
+    curve: str = key("hash of the curve")
+    setup: str = key("hash of the arm, the scene and the attached bodies")
+    notes: tuple[str, ...] = key(
+        "the assumptions of the verdict, in sentences: meshes replaced by hulls, surfaces without an inside, held "
+        "joints",
+        default=(),
+    )
+    tube: MotionTube | None = key(
+        "the deviations that are covered, and the largest ones for which the proof remains valid", default=None
+    )
+    evidence: Array | None = key(
+        "(K, 7) if recorded: rows of start and end of an interval of the parameter, pair, its proven distance (m) "
+        "there, and a unit vector (3) in the root frame along which the supports of the two bodies are apart at the "
+        "middle of the interval (zeros if bounding balls or boxes are)",
+        default=None,
+    )
+    partings: tuple[Parting, ...] = key(
+        "the pairs that were allowed to touch at the start, each with the proof that it separates", default=()
+    )
+    backwards: bool = key(
+        "whether the proof is of the reversed curve: then ``partings`` refer to that curve, and the pairs may touch "
+        "at the end of this one",
+        default=False,
+    )
+    subject: tuple[Curve, CollisionChecker] | None = key(
+        "the curve and checker of a recorded certificate, for :meth:`save`", default=None
+    )
+    attached: tuple[Obstacle, ...] = key("the bodies that move with the tcp", default=())
+    held: Mapping[str, float] = key("values of the joints outside the arm", "rad or m", default_factory=dict)
+    obstacles: tuple[str, ...] = key("names of the obstacles", default=())
+    constraints: tuple[ConstraintProof, ...] = key(
+        "the constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``. "
+        "``tube.largest_joints`` is about collisions only",
+        default=(),
+    )
+    limits: LimitCheck | None = key(
+        "the comparison of the curve with the joint limits: which quantities, and what exceeds them. None if it was "
+        "left out, which a note states",
+        default=None,
+    )
+    violation: ConstraintViolation | LimitViolation | None = key(
+        "the violation of a constraint or of a joint limit that comes first on the curve; None unless VIOLATED, or "
+        "COLLIDING and violated",
+        default=None,
+    )
+    undecided_constraint: UndecidedConstraint | None = key(
+        "the first span in which a constraint is undecided", default=None
+    )
 
     @property
     def free(self) -> bool:

@@ -7,7 +7,6 @@ their meshes instead of hulls. Placements and contacts are computed by Pinocchio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import coal
 import numpy as np
@@ -17,6 +16,7 @@ from pinproof.collision.checking.checker import CollisionChecker, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.geometry.bodies import one_inside_other
 from pinproof.common.results import Shown, View
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.motion import Curve, Trajectory
 
@@ -31,30 +31,20 @@ MEASURE_EVERY = 10
 """Number of samples between two distance queries, which take longer than contact queries."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class AuditResult(Shown):
-    """The result of an audit by dense sampling.
+    """The result of an audit by dense sampling."""
 
-    Parameters
-    ----------
-    samples
-        Number of checked configurations.
-    contacts
-        For each pair of owners in contact, the parameter of the curve of the first such sample, in that order.
-    distance
-        The smallest distance (m) at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair, NaN if not
-        measured.
-    geometry
-        Number of bodies as triangles, as hulls and as simple shapes, and number of pairs.
-    message
-        The result as a sentence.
-    """
-
-    samples: int
-    contacts: tuple[tuple[float, tuple[str, str]], ...]
-    distance: float
-    geometry: str
-    message: str
+    samples: int = key("number of checked configurations")
+    contacts: tuple[tuple[float, tuple[str, str]], ...] = key(
+        "for each pair of owners in contact, the parameter of the curve of the first such sample, in that order"
+    )
+    distance: float = key(
+        "the smallest distance (m) at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair, NaN if not "
+        "measured"
+    )
+    geometry: str = key("number of bodies as triangles, as hulls and as simple shapes, and number of pairs")
+    message: str = key("the result as a sentence")
 
     def _view(self) -> View:
         found = (f"{' and '.join(bodies)} from the parameter {at:.6g}" for at, bodies in self.contacts)

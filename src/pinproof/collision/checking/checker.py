@@ -36,6 +36,7 @@ from pinproof.collision.geometry.bodies import Body, CellsBody, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup
@@ -43,26 +44,16 @@ from pinproof.motion import Curve, refuse_broken
 from pinproof.spatial import Array, finite
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Contact:
-    """Two bodies whose distance is the margin or less.
+    """Two bodies whose distance is the margin or less."""
 
-    Parameters
-    ----------
-    bodies
-        The owners: links, attached objects, obstacles.
-    distance
-        Signed distance in metres; below 0 it is the penetration depth as computed by coal.
-    points
-        (2, 3) the nearest (or deepest) point of each body, in the robot's root frame.
-    normal
-        (3,) unit vector in the root frame along which the second body would be moved away from the first.
-    """
-
-    bodies: tuple[str, str]
-    distance: float
-    points: Array
-    normal: Array
+    bodies: tuple[str, str] = key("the owners: links, attached objects, obstacles")
+    distance: float = key("signed distance in metres; below 0 it is the penetration depth as computed by coal")
+    points: Array = key("(2, 3) the nearest (or deepest) point of each body, in the robot's root frame")
+    normal: Array = key(
+        "(3,) unit vector in the root frame along which the second body would be moved away from the first"
+    )
 
     @property
     def depth(self) -> float:

@@ -30,6 +30,7 @@ from pinproof.collision.geometry.shapes import Box, Capsule, Cylinder, Mesh, Sha
 from pinproof.common.content_hash import cached, content_digest
 from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.description import DisabledPair, LinkGeometry, Urdf, read_mesh, resolved, srdf_text
 from pinproof.errors import InputError, MeshError, UnknownNameError
@@ -438,32 +439,22 @@ def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3) -> bool
     return one_inside_other(a, root_from_a, b, root_from_b)
 
 
-@dataclass(frozen=True)
+@described()
 class LinkOverlap:
-    """How often two links touch.
+    """How often two links touch."""
 
-    Parameters
-    ----------
-    links
-        The two links.
-    touching, samples
-        In how many of the sampled configurations they touch.
-    adjacent
-        Whether one joint connects them.
-    geometry
-        The geometry that was tested, with which a checker checks the pair: that of the collision model (meshes as
-        hulls), or ``several hulls``, ``exact meshes`` or ``surfaces of meshes`` (of which at least one is not
-        watertight) where the hulls touch much more often than the triangles.
-    disabled
-        The reason with which the SRDF of the robot disables the pair, ``without a reason``, or empty.
-    """
-
-    links: tuple[str, str]
-    touching: int
-    samples: int
-    adjacent: bool
-    geometry: str
-    disabled: str = ""
+    links: tuple[str, str] = key("the two links")
+    touching: int = key("in how many of the sampled configurations they touch")
+    samples: int = key("number of sampled configurations")
+    adjacent: bool = key("whether one joint connects them")
+    geometry: str = key(
+        "the geometry that was tested, with which a checker checks the pair: that of the collision model (meshes as "
+        "hulls), or ``several hulls``, ``exact meshes`` or ``surfaces of meshes`` (of which at least one is not "
+        "watertight) where the hulls touch much more often than the triangles"
+    )
+    disabled: str = key(
+        "the reason with which the SRDF of the robot disables the pair, ``without a reason``, or empty", default=""
+    )
 
     @property
     def frequency(self) -> Frequency:

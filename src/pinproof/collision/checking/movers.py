@@ -9,7 +9,7 @@ the movers in the same interval of time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.geometry.shapes import HalfSpace
+from pinproof.common.structs import described, key
 from pinproof.description import Axis, JointType, urdf_with_axes
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup, JointLimits, Robot, chain_of, held_values
@@ -29,28 +30,9 @@ FARTHEST = 30.0
 MoverType = Literal["prismatic", "revolute"]
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Mover:
     """Obstacles that move together along an axis, as a given function of time.
-
-    Parameters
-    ----------
-    name
-        Name of the mover, different from those of all joints, links and obstacles.
-    obstacles
-        Names of obstacles of the scene. Where the value of the mover is 0, they are at their poses in the scene.
-    trajectory
-        The value of the mover (m or rad) as the trajectory of one joint; time 0 is the start of the motion of the arm.
-    type
-        ``"prismatic"``: the obstacles move along the axis; ``"revolute"``: they rotate about it.
-    axis
-        (3,) direction of the axis in the frame of the root link; it need not be a unit vector.
-    point
-        (3,) a point (m) on the axis of a revolute mover, in the frame of the root link.
-    tolerance
-        m or rad, 0 or more: a certificate also covers values that differ from the trajectory by no more than this.
-    rests
-        Whether the mover rests at the end of its trajectory if the motion of the arm takes longer.
 
     Raises
     ------
@@ -58,14 +40,30 @@ class Mover:
         If there is no obstacle, the trajectory has several joints, a number is not finite, or the axis has no length.
     """
 
-    name: str
-    obstacles: tuple[str, ...]
-    trajectory: Trajectory
-    type: MoverType = "prismatic"
-    axis: npt.ArrayLike = (1.0, 0.0, 0.0)
-    point: npt.ArrayLike = (0.0, 0.0, 0.0)
-    tolerance: float = 0.0
-    rests: bool = False
+    name: str = key("name of the mover, different from those of all joints, links and obstacles")
+    obstacles: tuple[str, ...] = key(
+        "names of obstacles of the scene. Where the value of the mover is 0, they are at their poses in the scene"
+    )
+    trajectory: Trajectory = key(
+        "the value of the mover (m or rad) as the trajectory of one joint; time 0 is the start of the motion of the arm"
+    )
+    type: MoverType = key(
+        '``"prismatic"``: the obstacles move along the axis; ``"revolute"``: they rotate about it', default="prismatic"
+    )
+    axis: npt.ArrayLike = key(
+        "(3,) direction of the axis in the frame of the root link; it need not be a unit vector",
+        default=(1.0, 0.0, 0.0),
+    )
+    point: npt.ArrayLike = key(
+        "(3,) a point (m) on the axis of a revolute mover, in the frame of the root link", default=(0.0, 0.0, 0.0)
+    )
+    tolerance: float = key(
+        "m or rad, 0 or more: a certificate also covers values that differ from the trajectory by no more than this",
+        default=0.0,
+    )
+    rests: bool = key(
+        "whether the mover rests at the end of its trajectory if the motion of the arm takes longer", default=False
+    )
 
     def __post_init__(self) -> None:
         names = (self.obstacles,) if isinstance(self.obstacles, str) else tuple(self.obstacles)
@@ -87,8 +85,9 @@ class Mover:
         if self.type == "prismatic" and np.abs(self.trajectory.bezier()[1]).max() > FARTHEST:
             raise InputError(f"mover {self.name!r} travels more than {FARTHEST:g} m")
         point = finite(f"the point of mover {self.name!r}", self.point, (3,))
-        for key, value in (("obstacles", names), ("axis", _constant(direction / length)), ("point", _constant(point))):
-            object.__setattr__(self, key, value)
+        constants = {"obstacles": names, "axis": _constant(direction / length), "point": _constant(point)}
+        for own, value in constants.items():
+            object.__setattr__(self, own, value)
 
     @classmethod
     def constant(

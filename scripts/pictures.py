@@ -77,8 +77,9 @@ def first_page(target: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)  # the example writes a page
         exec(example, names)
-        arm, scene, motion = names["arm"], names["scene"], names["trajectory"]
-        pp.write_png("still.png", arm, scene, motion, time=INSTANT, size=SIZE, certificate=names["certificate"])
+        arm, scene, motion = names["arm"], names["scene"], names["motion"]
+        shown = {"time": INSTANT, "size": SIZE, "certificate": motion.certificate}
+        pp.write_png("still.png", arm, scene, motion.trajectory, **shown)
         with Image.open("still.png") as image:
             image.convert("RGB").quantize(COLOURS).save(target, optimize=True)
         os.chdir(DOCS)

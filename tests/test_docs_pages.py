@@ -23,6 +23,7 @@ PAGES = sorted(
         DOCS / "dynamics.md",
         DOCS / "extending.md",
         DOCS / "libraries.md",
+        DOCS / "planning.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )
@@ -92,7 +93,12 @@ def test_python_blocks_run_in_order(tmp_path: Path) -> None:
     with reader_folder(tmp_path):
         for block in blocks(README, "python"):
             run_python("\n" * block.line + block.text, README, names)
-    assert (tmp_path / "pick.html").stat().st_size > 0
+    assert (tmp_path / "motion.html").stat().st_size > 0
+
+
+def test_the_first_example_has_at_most_eight_lines() -> None:
+    first = next(iter(blocks(README, "python")))
+    assert len([line for line in first.text.splitlines() if line.strip()]) <= 8
 
 
 @pytest.mark.slow

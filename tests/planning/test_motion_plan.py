@@ -214,7 +214,7 @@ def test_a_pose_within_an_obstacle_states_that_all_solutions_are_in_contact(chec
     for end in pose.invalid:
         assert {"post"} < {name for contact in end.contacts for name in contact.bodies}
     least = min(max(contact.depth for contact in end.contacts) for end in pose.invalid)
-    assert f"{len(branches)} IK solutions" in motion.message
+    assert f"all IK solutions ({len(branches)})" in motion.message
     assert any(f"{contact.depth * 1e3:.1f} mm" in motion.message for end in pose.invalid for contact in end.contacts)
     assert least > 0.0
 
@@ -318,3 +318,7 @@ def test_a_page_shows_the_configuration_that_is_the_reason(checker, goal, shown,
 def test_show_serves_the_motion(to_pose):
     with to_pose.show() as shown:
         assert shown.url.startswith("http://127.0.0.1")
+
+
+def test_a_goal_in_degrees_is_recognised(checker):
+    assert "90 degrees" in pp.plan(checker, START, [90.0, -90.0, 90.0, 0.0, 0.0, 0.0]).message

@@ -59,9 +59,7 @@ class GoalPose:
     def message(self) -> str:
         """The number of solutions, and why the pose is no goal of a motion if that is known, as text."""
         count = len(self.branches)
-        which = (
-            f"{'all' if self.complete else 'the known'} {count} IK solutions" if count > 1 else "the only IK solution"
-        )
+        which = f"all {'' if self.complete else 'known '}IK solutions ({count})"
         if self.invalid:
             # The solution that is in contact least, and the pairs that the others have in contact most often
             best = least_invalid(self.invalid)
@@ -71,9 +69,9 @@ class GoalPose:
             common = [f"{first} with {other} in {n}" for (first, other), n in pairs.most_common(MOST_PAIRS)]
             others = f" (others: {', '.join(common)})" if common else ""
             how = "in contact" if all(end.contacts for end in self.invalid) else "invalid"
-            return f"{which} {'are' if count > 1 else 'is'} {how}; the best one: {best.message}{others}"
+            return f"{which} are {how}; the best one: {best.message}{others}"
         if count:
-            return f"{count} IK solution{'s' if count > 1 else ''}"
+            return f"IK solutions: {count}"
         # Out of reach, by a proof or as far as was searched
         reason = "not reached"
         if self.proof is not None and self.proof.proven:
@@ -88,15 +86,9 @@ class GoalPose:
 
     def to_dict(self) -> dict[str, Any]:
         """The facts as plain values for JSON."""
-        nearest = self.nearest
-        return {
-            "message": self.message,
-            "solutions": len(self.branches),
-            "complete": self.complete,
-            "unreachable": self.unreachable,
-            "position_error": None if nearest is None else nearest.position_error,
-            "orientation_error": None if nearest is None else nearest.orientation_error,
-        }
+        facts = {name: getattr(self, name) for name in ("message", "complete", "unreachable")}
+        errors = {name: getattr(self.nearest, name, None) for name in ("position_error", "orientation_error")}
+        return {**facts, "solutions": len(self.branches), **errors}
 
 
 class Goals(NamedTuple):
@@ -118,13 +110,8 @@ def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) ->
     poses: tuple[GoalPose, ...]
     if isinstance(goal, IkBranches):
         if goal.arm.joint_names != checker.group.joint_names:
-            names = checker.group.joint_names
-            raise InputError(
-                f"goal has IK solutions for the joints {goal.arm.joint_names}; those of the arm are {names}"
-            )
-        poses = (_of_branches(goal),)
-        if not goal.ok:
-            poses = (solve_pose(checker, SE3(goal.target), start, rng),)
+            raise InputError(f"goal has IK solutions of another arm, with the joints {goal.arm.joint_names}")
+        poses = (_of_branches(goal) if goal.ok else solve_pose(checker, SE3(goal.target), start, rng),)
     elif isinstance(goal, SE3):
         poses = (solve_pose(checker, goal, start, rng),)
     elif isinstance(goal, (list, tuple)) and any(isinstance(each, SE3) for each in goal):
@@ -135,9 +122,7 @@ def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) ->
         try:
             many = read_configurations(checker.group, goal, "goal")
         except InputError as error:
-            raise InputError(
-                f"{error}; a goal may also be a pose as pin.SE3, such as pp.pose(xyz=(0.4, 0.1, 0.3))"
-            ) from error
+            raise InputError(f"{error}; a pose is a pin.SE3, such as pp.pose(xyz=(0.4, 0.1, 0.3))") from error
         return Goals(many, np.arange(len(many)), ())
     index = np.repeat(np.arange(len(poses)), [len(pose.q) for pose in poses])
     return Goals(np.concatenate([pose.q for pose in poses]), index, poses)

@@ -21,7 +21,7 @@ from pinproof.planning.goals import Goal, GoalPose, Goals, least_invalid, prove,
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.plan_results import Barrier, InvalidEnd, PlanResult, PlanStatus
 from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
-from pinproof.planning.problem import read_ends
+from pinproof.planning.problem import MAX_GOALS, read_ends
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, simplify
 from pinproof.spatial import Array
@@ -98,10 +98,6 @@ class MotionPlan(Answer):
         return self.planned.barriers
 
     @property
-    def _torques(self) -> TorqueLimits | None:
-        return next((limit for limit in self.rate_limits if isinstance(limit, TorqueLimits)), None)
-
-    @property
     def message(self) -> str:
         """The length and the durations, or why there is no motion."""
         if self.reason or not self.planned.ok:
@@ -128,8 +124,9 @@ class MotionPlan(Answer):
             "duration": motion.duration,
             "lower_bound": motion.lower_bound,
         }
-        torques = {} if self._torques is None else self._torques.report(self.trajectory)
-        return {**outcome, **figures, **torques, "certificate": self.certificate.to_dict()}
+        torques = _torques(self.rate_limits)
+        report = {} if torques is None else torques.report(self.trajectory)
+        return {**outcome, **figures, **report, "certificate": self.certificate.to_dict()}
 
     def save(self, path: str | Path) -> None:
         """Write the motion as :meth:`Trajectory.save` does, and beside it its proof, for others to verify.
@@ -191,7 +188,7 @@ class MotionPlan(Answer):
         if vars(self)["optimised"] is None:
             evidence = [*(pose.message for pose in self.poses), *(end.message for end in self.invalid)]
             return View(f"{self.status.name}: {self.message}", [evidence])
-        torques = self._torques
+        torques = _torques(self.rate_limits)
         largest = [] if torques is None else [f"largest torque: {torques.largest(self.trajectory)}"]
         notes = () if torques is None else torques.notes
         lines = [*largest, str(self.certificate), *(f"note: {note}" for note in notes)]
@@ -258,8 +255,7 @@ def plan(
     group, search = checker.group, planner_of(planner)
     first = group.configuration(start, "start")
     bounds = Bounds.of(group.limits if limits is None else limits, group.joint_names, jerk)
-    torques = next((limit for limit in rate_limits if isinstance(limit, TorqueLimits)), None)
-    task: dict[str, Any] = {"constraints": constraints, "torque_limits": torques}
+    task: dict[str, Any] = {"constraints": constraints, "torque_limits": _torques(rate_limits)}
     # A path to one of the goals
     goals = read_goals(checker, first, goal, rng)
     planned, goals, tried = _path(search, checker, first, goals, bounds, {**task, "rng": rng})
@@ -274,17 +270,8 @@ def plan(
     # A motion, which may end at another goal
     many = goals.q if len(goals.q) > 1 else None
     try:
-        optimised = optimise(
-            simplified.path,
-            checker,
-            limits=group.limits if limits is None else limits,
-            jerk=jerk,
-            goals=many,
-            rate_limits=rate_limits,
-            constraints=constraints,
-            rng=rng,
-            budget=budget,
-        )
+        kept: dict[str, Any] = {"limits": limits, "jerk": jerk, "rate_limits": rate_limits, "constraints": constraints}
+        optimised = optimise(simplified.path, checker, goals=many, rng=rng, budget=budget, **kept)
     except TimingError as error:
         return result.changed(status=PlanStatus.NOT_TIMED, reason=str(error))
     row = tried[planned.goal] if many is None or optimised.goal is None else optimised.goal
@@ -292,6 +279,10 @@ def plan(
     if not optimised.certificate.free:
         return result.changed(status=PlanStatus.NOT_PROVEN, goal=None, reason=optimised.certificate.message)
     return result
+
+
+def _torques(rate_limits: Sequence[RateConstraint]) -> TorqueLimits | None:
+    return next((limit for limit in rate_limits if isinstance(limit, TorqueLimits)), None)
 
 
 def _path(
@@ -305,12 +296,13 @@ def _path(
     """The result of the planner, the goals at which the motion may end, and the rows of those the planner was given."""
     if not goals.poses:
         return search.plan(checker, start, goals.q, **task), goals, np.arange(len(goals.q))
-    # Those of the free IK solutions that are near in time first; if no path is found, all of them
+    # Those of the free IK solutions that are near in time first; if no path is found, also the others
     if (free := np.flatnonzero(checker.is_free_batch(goals.q))).size:
-        goals = goals._replace(q=goals.q[free], of=goals.of[free])
-        seconds = least_times(goals.q - start, bounds)
-        near = np.flatnonzero(seconds <= PROMISING * seconds.min())
-        for rows in [near, np.arange(len(free))][len(near) == len(free) :]:
+        seconds = least_times(goals.q[free] - start, bounds)
+        nearest = np.argsort(seconds, kind="stable")[:MAX_GOALS]
+        goals = goals._replace(q=goals.q[free[nearest]], of=goals.of[free[nearest]])
+        near = np.flatnonzero(seconds[nearest] <= PROMISING * seconds.min())
+        for rows in [near, np.arange(len(nearest))][len(near) == len(nearest) :]:
             planned = search.plan(checker, start, goals.q[rows], **task)
             if planned.ok or planned.status in (PlanStatus.START_INVALID, PlanStatus.CANCELLED):
                 break
@@ -322,8 +314,8 @@ def _path(
         if len(rows):
             planned = search.plan(checker, start, goals.q, **task)
         else:
-            constraints, torques = check_constraints(task["constraints"]), task["torque_limits"]
-            alone = read_ends(checker, start, start, turns=False, constraints=constraints, torque_limits=torques)
+            kept = {"constraints": check_constraints(task["constraints"]), "torque_limits": task["torque_limits"]}
+            alone = read_ends(checker, start, start, turns=False, **kept)
             planned = alone if isinstance(alone, PlanResult) else PlanResult(UNREACHABLE, checker=checker)
     # What is known of each pose
     if planned.status in (PlanStatus.GOAL_INVALID, UNREACHABLE):

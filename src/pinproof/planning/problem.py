@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -19,12 +18,14 @@ import numpy.typing as npt
 
 from pinproof._core import EdgeChecker, Manifold
 from pinproof.collision import CollisionChecker, PathConstraint, amount, overlap_hint
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
 from pinproof.model import AT_LIMIT, Arm, JointGroup
 from pinproof.motion import TorqueLimits
 from pinproof.planning.plan_results import Barrier, InvalidEnd, OutsideLimits, PlanResult, PlanStatus
 from pinproof.spatial import Array, finite
+from pinproof.units import MOST_TURN, hint_at_unit
 
 # Default distance (m) in addition to the margin that samples must keep.
 PAD = 5e-4
@@ -157,32 +158,19 @@ def sampling_box(arm: JointGroup, ends: Array) -> Array:
 # -- start and goals ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Ends:
-    """The valid start and goals of a plan.
+    """The valid start and goals of a plan."""
 
-    Parameters
-    ----------
-    checker
-        The checker for which the start and every goal are free.
-    start
-        (n,) the first configuration.
-    goals
-        (k, n) the goals, at least one.
-    indices
-        For each goal, the index of the given goal that it equals up to multiples of 2 pi.
-    turns
-        Whether shifted goals were requested.
-    torque_limits
-        The torques that hold the arm at rest at the start and the goals are within these limits; None for no limits.
-    """
-
-    checker: CollisionChecker
-    start: Array
-    goals: Array
-    indices: tuple[int, ...]
-    turns: bool
-    torque_limits: TorqueLimits | None = None
+    checker: CollisionChecker = key("the checker for which the start and every goal are free")
+    start: Array = key("(n,) the first configuration")
+    goals: Array = key("(k, n) the goals, at least one")
+    indices: tuple[int, ...] = key("for each goal, the index of the given goal that it equals up to multiples of 2 pi")
+    turns: bool = key("whether shifted goals were requested")
+    torque_limits: TorqueLimits | None = key(
+        "the torques that hold the arm at rest at the start and the goals are within these limits; None for no limits",
+        default=None,
+    )
 
 
 def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list[int]]:
@@ -285,8 +273,8 @@ def read_ends(
 
     rows = valid()
     if not rows:
-        for goal in given:
-            checker = checker.finer_at(goal)
+        for goal, ok in zip(given, inside, strict=False):  # finer bodies are no remedy for what else is violated
+            checker = checker.finer_at(goal) if ok else checker
         rows = valid()
     if not rows:
         ends = [
@@ -316,7 +304,8 @@ def _invalid_end(checker: CollisionChecker, q: Array, goal: int | None, violated
     group = checker.group
     ranges = zip(group.joint_names, q.tolist(), group.limits.lower.tolist(), group.limits.upper.tolist(), strict=True)
     outside = tuple(OutsideLimits(*each) for each in ranges if not each[2] <= each[1] <= each[3])
-    contacts = checker.check(q).contacts
+    contacts, large = checker.check(q).contacts, q[group.angular & (np.abs(q) > MOST_TURN)]
+    violated = [*violated, hint_at_unit(float(large[0]), "rad")] if outside and len(large) else violated
     return InvalidEnd(q, goal, outside, contacts, "; ".join([*violated, *map(str, contacts)]))
 
 

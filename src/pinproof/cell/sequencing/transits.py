@@ -35,12 +35,11 @@ from pinproof.picks import (
     peaks_of,
     prove_part,
     rate_limits,
-    shortened,
     time_part,
     torque_limits_of_tool,
     transit,
 )
-from pinproof.planning import optimise, planner_of
+from pinproof.planning import optimise, plan, planner_of
 from pinproof.spatial import Array
 
 RETRIED = 1.02
@@ -177,15 +176,12 @@ def closing_motion(
         return again
     torques = torque_limits_of_tool(checker.arm, setup.shared)
     planner = planner_of(setup.budget.planner).limited_to(setup.budget.nodes)
-    plan = planner.plan(checker, q, end[None], torque_limits=torques, rng=0)
-    if not plan.ok:
-        return MotionFailure("transit", f"to the end: {plan.message}")
-    path, _ = shortened(plan, checker, 0, torques)
     rates = [] if torques is None else [torques]
-    short = optimise(path, checker, rate_limits=rates, budget=setup.budget.motion)
-    if not short.certificate.free:
-        return MotionFailure("transit", f"to the end: {short.certificate.message}")
-    return PickMotion("transit", short.trajectory, short.certificate, checker.attached, checker.scene, checker.arm.held)
+    motion = plan(checker, q, end, planner=planner, rate_limits=rates, blend=False, budget=setup.budget.motion)
+    if not motion.ok:
+        return MotionFailure("transit", f"to the end: {motion.message}")
+    around = checker.attached, checker.scene, checker.arm.held
+    return PickMotion("transit", motion.trajectory, motion.certificate, *around)
 
 
 def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:

@@ -100,7 +100,7 @@ def test_rounding_of_a_number_is_no_difference_and_more_than_five_differences_ar
     checker, curve, upright, document = case
     rounded = copy.deepcopy(document)
     for row in (*rounded["joints"], *rounded["bodies"]):
-        row["placement"][0][3] += 1e-13
+        row["placement"][0][3] += 5e-14
     assert compared(rehashed(rounded), tmp_path, checker, curve, constraints=[upright]).ok
     forged = copy.deepcopy(document)
     for k, row in enumerate(forged["bodies"][:7]):

@@ -187,9 +187,11 @@ def test_winding_numbers_and_connected_parts_agree_with_those_of_the_checker():
     body = Body(row, 0, 0)
     assert len(body.witnesses) == len(parts)
     points = rng.uniform(-2, 3, (300, 3)) * [1, 0.4, 0.4]
-    inside = [abs(body.winding(point)) > 0.5 for point in points]
+    found = [body.winding(point) for point in points]
+    inside = [abs(number) > 0.5 for number, _ in found]
     assert inside == [abs(winding_number(point, mesh.triangles)) > 0.5 for point in points]
     assert any(inside)
+    assert all(abs(number - round(number)) <= error < 1e-6 for number, error in found)
     for first, end in ((0, 3), (5, 5 + BOXED), (0, len(mesh.faces)), (2, len(mesh.faces) - 7)):
         u = rng.normal(size=(50, 3))
         assert (body.part(first, end).reach(u) >= (mesh.triangles[first:end].reshape(-1, 3) @ u.T).max(axis=0)).all()

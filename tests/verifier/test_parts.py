@@ -1,4 +1,4 @@
-"""Supports, allowances, limits, bounds and values of the verifier, each against an independent computation."""
+"""Supports, limits, bounds and values of the verifier, each against an independent computation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import pinproof as pp
 from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.motion import Bezier, CubicPath
-from pinproof.verifier import IntervalBounds, Proof, Refused, body_digest, interval_bounds, load, verify
+from pinproof.verifier import IntervalBounds, Proof, Refused, body_digest, interval_bounds, load, rounding, verify
 from pinproof.verifier.parts import Body, Curve, halves
 
 from ..collision.exact_cells import cell
@@ -63,51 +63,6 @@ def test_reach_is_the_largest_over_the_points_of_a_body(semi, discs, radius) -> 
     far = [np.linalg.norm(p - shape.centre) + r for p, r in zip(points, radii, strict=True)]
     assert shape.ball <= max(far) + radius + max(semi) + 1e-12
     assert (shape.ball * np.linalg.norm(directions, axis=1) >= reach - directions @ shape.centre).all()
-
-
-def test_the_allowance_for_rounding_grows_with_reach_travel_and_turning(tampered, rehashed) -> None:
-    """Of the farthest body, of the vectors of constraints, of the chain, and of what prismatic joints travel."""
-
-    def expected(document) -> float:
-        control = np.array(document["curve"]["control"], dtype=float)
-        most = np.abs(control).max(axis=(0, 1)) + document["settings"]["joint_tolerance"]
-        values = [abs(j["multiplier"]) * most[j["leader"]] + abs(j["offset"]) for j in document["joints"]]
-        travel = sum(v for j, v in zip(document["joints"], values, strict=True) if j["type"] == "prismatic")
-        chain = sum(np.linalg.norm(np.array(j["placement"])[:, 3]) for j in document["joints"])
-        far = [0.0]
-        for b in document["bodies"]:
-            place = np.linalg.norm(np.array(b["placement"])[:, 3])
-            if b["shape"] == "half_space":
-                far.append(place)
-                continue
-            points = np.array(b["shape"]["points"])
-            centre = (points.min(axis=0) + points.max(axis=0)) / 2
-            ball = np.linalg.norm(points - centre, axis=1).max() + b["shape"]["radius"]
-            far.append(place + np.linalg.norm(centre) + ball)
-        for c in document.get("constraints", ()):
-            far += [np.linalg.norm(c[key]) for key in ("point", "origin", "direction", "axis") if key in c]
-            far += [np.linalg.norm(np.array(c["placement"])[:, 3])] if "placement" in c else []
-        return 1e-9 * max(1.0, max(far) + chain + travel) * max(1.0, sum(values) * control.shape[1] / 1e3)
-
-    for change in ("nothing", "body 0", "body 1", "last body", "travel", "turning", "first constraint", "constraint"):
-        document = copy.deepcopy(tampered)
-        if "body" in change:
-            index = -1 if change == "last body" else int(change[-1])
-            document["bodies"][index]["placement"][0][3] = 300.0
-        control = np.array(document["curve"]["control"])
-        if change == "travel":
-            control[..., 1] += 50.0
-        if change == "turning":
-            control[..., 2] += 1e5
-        if "constraint" in change:
-            row = {
-                "name": "look_at", "kind": "target", "joint": 2, "tolerance": 0.5, "largest": 0.1, "intervals": [],
-                "axis": [0.0, 0.0, 1.0], "origin": [0.0, 0.0, 0.0], "point": [0.0, 0.0, 80.0],
-            }  # fmt: skip
-            near = row | {"point": [0.0, 0.0, 0.0]}
-            document["constraints"] = [row, near] if change == "first constraint" else [near, row]
-        document["curve"]["control"] = control.tolist()
-        assert Proof(rehashed(document)).rounding == pytest.approx(expected(document), rel=1e-9), change
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -186,7 +141,7 @@ def test_integers_are_read_as_numbers(tampered, rehashed) -> None:
     tampered["settings"]["margins"] = []
     tampered["settings"]["margin"] = 0
     tampered["joints"][0]["placement"] = [[1, 0, 0, 2], [0, 1, 0, 3], [0, 0, 1, 400]]
-    moved = Proof(rehashed(tampered)).joints[0].translation
+    moved = Proof(rehashed(tampered)).joints[0].translation.value
     assert moved.tolist() == [2.0, 3.0, 400.0]
 
 
@@ -319,6 +274,9 @@ def test_on_a_short_interval_the_bound_is_close_to_the_distance(proof, rehashed)
 
 @pytest.mark.slow
 def test_bounds_computed_together_equal_the_bounds_of_each_pair_alone(proof, rehashed, monkeypatch):
+    # Only their rounding errors are not those of each pair alone, but the largest.
+    for side in ("lower", "upper"):
+        monkeypatch.setattr(rounding.Near, side, property(lambda each: each.value))
     rng = np.random.default_rng(8)
     checked = Proof(with_curve(proof, rehashed, curve(rng, 0.3, 3, 2), 0.01))
     table = IntervalBounds(checked, np.sort(rng.uniform(0, 2, (12, 2)), axis=1))

@@ -44,6 +44,7 @@ import numpy.typing as npt
 
 from .parts import (
     LARGEST_PARAMETER,
+    UNIT_ERROR,
     Array,
     Body,
     Curve,
@@ -57,10 +58,29 @@ from .parts import (
     numbers,
     optional_numbers,
     placement,
+    rotation_error,
     shown,
     support,
     text,
     unit_vector,
+)
+from .rounding import (
+    ROOT_3,
+    UNIT_ROUNDOFF,
+    Near,
+    angle_above,
+    choose,
+    composed,
+    cross,
+    dot,
+    hypotenuse,
+    length,
+    near,
+    rotated,
+    rounded,
+    sine_cosine,
+    stacked,
+    weighted,
 )
 
 AT_ONCE = 1 << 12
@@ -76,6 +96,9 @@ MOST_NUMBERS = 1 << 27
 """Largest number of coordinates of control points of all intervals, 1 GB; few intervals span several pieces."""
 
 
+NOTHING, ONE = (Near(np.array(number), 0.0, number) for number in (0.0, 1.0))
+
+
 class Mechanism(Protocol):
     """The parts of a proof from which the bounds are computed: joints, bodies, curve and allowances."""
 
@@ -83,7 +106,7 @@ class Mechanism(Protocol):
     bodies: list[Body]
     curve: Curve
     tolerance: Array
-    rounding: float
+    within: float
 
     def joints_between(self, a: int, b: int) -> tuple[list[int], int]:
         """Return the joints on the path from joint a to joint b, and how many of them, from the first, are up."""
@@ -99,39 +122,39 @@ class IntervalBounds:
         self._proof = proof
         low, high, control, self.single = _boxes(proof.curve, intervals)
         """(T,) whether an interval is in a single piece of the curve."""
+        control.error += proof.curve.jump + proof.within
         self.q = (low + high) / 2
-        """(T, n) centres of the boxes."""
-        self.half_width = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
-        """(T, n) half of the sides of the boxes."""
-        self.theta = control - self.q[:, None]
+        """(T, n) a point of the boxes, about their middle; it is exact by definition."""
+        self.theta = (control - self.q[:, None]).measured()
         """(T, K, n) control points relative to q, valid where :attr:`single`."""
-        self._bodies = _BodyTable([*proof.bodies, *parts])
+        self.half_width = rounded(np.maximum(high - self.q, self.q - low), control.error, 1).upper
+        """(T, n) half of the sides of the boxes."""
+        self._bodies = _BodyTable([*proof.bodies, *parts], proof.within)
         # Rotation (T, 3, 3) and translation (T, 3) of each joint in root, and its axis (T, 3) there.
-        self._at: list[tuple[Array, Array]] = []
-        self._axes: list[Array] = []
+        self._at: list[tuple[Near, Near]] = []
+        self._axes: list[Near] = []
         for joint in proof.joints:
             rotation, translation = self.placed(joint.parent)
-            translation = rotation @ joint.translation + translation
-            rotation = rotation @ joint.rotation
-            axis, value = rotation @ joint.axis, joint.multiplier * self.q[:, joint.leader] + joint.offset
+            translation = rotated(rotation, joint.translation) + translation
+            rotation = composed(rotation, joint.rotation)
+            axis = rotated(rotation, joint.axis)
+            value = Near(self.q[:, joint.leader]) * Near(np.array(joint.multiplier), proof.within)
+            value = value + Near(np.array(joint.offset), proof.within)
             self._axes.append(axis)
-            if joint.revolute:  # Rodrigues' formula
-                x, y, z = joint.axis
-                cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-                sine, rest = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
-                rotation = rotation @ (np.eye(3) + sine * cross + rest * (cross @ cross))
+            if joint.revolute:
+                rotation = composed(rotation, _about(joint.axis, value))
             else:
                 translation = translation + value[:, None] * axis
             self._at.append((rotation, translation))
 
-    def placed(self, joint: int) -> tuple[Array, Array]:
+    def placed(self, joint: int) -> tuple[Near, Near]:
         """Return rotation (T, 3, 3) and translation (T, 3) of a joint at q, in root; -1 is the root."""
         if joint >= 0:
             return self._at[joint]
         count = len(self.q)
-        return np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+        return Near(np.broadcast_to(np.eye(3), (count, 3, 3))), Near(np.zeros((count, 3)))
 
-    def axis(self, joint: int) -> tuple[Array, Array]:
+    def axis(self, joint: int) -> tuple[Near, Near]:
         """Return direction and a point (T, 3) each of the axis of a joint at q, in root."""
         return self._axes[joint], self._at[joint][1]
 
@@ -140,7 +163,7 @@ class IntervalBounds:
         table, found = self._bodies, np.tile(np.eye(4), (len(rows), 1, 1))
         for joint in np.unique(table.joint[which]):
             mine = table.joint[which] == joint
-            rotation, translation = (part[rows[mine]] for part in self.placed(int(joint)))
+            rotation, translation = (part.value[rows[mine]] for part in self.placed(int(joint)))
             found[mine, :3, :3] = rotation @ table.rotation[which[mine]]
             found[mine, :3, 3] = translation + (rotation @ table.translation[which[mine], :, None])[..., 0]
         return found
@@ -152,9 +175,10 @@ class IntervalBounds:
     def distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
         """Return (R,) lower bounds (m) of the distances of bodies ``i`` and ``j`` (R,), valid in the whole interval.
 
-        ``rows`` (R,) are the intervals. ``u`` (R, 3) are unit vectors in root, from body i to body j; a half-space has
-        its own normal instead. Pairs of bodies that move with the same two joints are bounded together.
+        ``rows`` (R,) are the intervals. ``u`` (R, 3) are directions in root, from body i to body j, of any length; a
+        half-space has its own normal instead. Pairs of bodies that move with the same two joints are bounded together.
         """
+        unit = u / np.sqrt(np.einsum("rx,rx->r", u, u))[:, None]
         table, found = self._bodies, np.empty(len(rows))
         kinds = np.stack([table.joint[i], table.joint[j], table.half_space[j], table.obstacle[j]], axis=1)
         _, kind = np.unique(kinds, axis=0, return_inverse=True)
@@ -162,88 +186,119 @@ class IntervalBounds:
         for group in np.split(order, np.flatnonzero(np.diff(kind.reshape(-1)[order])) + 1):
             for begin in range(0, len(group), AT_ONCE):
                 some = group[begin : begin + AT_ONCE]
-                found[some] = self._distance(i[some], j[some], rows[some], u[some])
+                found[some] = self._distance(
+                    i[some], j[some], rows[some], Near(unit[some], UNIT_ERROR, 1.0 + UNIT_ERROR)
+                )
         return found
 
-    def _distance(self, i: Indices, j: Indices, rows: Indices, u: Array) -> Array:
+    def _distance(self, i: Indices, j: Indices, rows: Indices, u: Near) -> Array:
         """Return the bounds of pairs of bodies with the same joints; all or none are obstacles, and half-spaces."""
         proof, table = self._proof, self._bodies
         obstacle = bool(table.obstacle[j[0]])
         path, up = proof.joints_between(int(table.joint[i[0]]), int(table.joint[j[0]]))
         one, other = _Placed(self, i, rows), _Placed(self, j, rows)
         if table.half_space[j[0]]:
-            u = -other.rotation[:, :, 2]
-        gap = -other.reach(-u[:, None])[:, 0] - one.reach(u[:, None])[:, 0]
+            u = -Near(other.rotation.value[:, :, 2], other.rotation.error)
+        ahead = u[:, None]
+        behind = other.reach(-ahead)
+        gap = -(behind + one.reach(ahead))[:, 0]
         if not path:
-            return np.asarray(gap - proof.rounding)
+            return gap.lower
         joints = [proof.joints[k] for k in path]
         revolute = np.array([[joint.revolute] for joint in joints])
-        share = np.array([[abs(joint.multiplier)] for joint in joints])
+        multiplier = Near(np.array([[joint.multiplier] for joint in joints]), proof.within).measured()
+        share = Near(np.abs(multiplier.value), multiplier.error, multiplier.size)
         leaders = [joint.leader for joint in joints]
-        delta = share * (self.half_width[rows][:, leaders].T + proof.tolerance[leaders][:, None])
-        chord = np.where(revolute, 2.0 * np.sin(np.minimum(delta, pi) / 2.0), delta)
-        bend = np.where(revolute, np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))), 0.0)
-        w = np.array([self._axes[k][rows] for k in path])
-        p = np.array([self._at[k][1][rows] for k in path])
-        radius = [np.where(revolute, body.radius(w, p), 1.0) for body in (one, other)]
+        deviation = share * proof.tolerance[leaders][:, None]
+        delta = share * self.half_width[rows][:, leaders].T + deviation
+        chord, bend = _chord_and_bend(delta, revolute)
+        w = stacked([self._axes[k][rows] for k in path])
+        p = stacked([self._at[k][1][rows] for k in path])
+        radius = choose(revolute, one.radius(w, p), ONE)  # a point moves by as much as a prismatic joint
 
-        # Which joints move i, seen from L: the first ``split`` of the path; the others move j.
-        zero = np.zeros((1, len(rows)))
+        # Which joints move i, seen from L: the first ``split`` of the path; the others move j. Any number is right.
+        moved = (radius * chord).sums()
         if obstacle:
-            rough, split = (radius[0] * chord).sum(axis=0), np.full(len(rows), len(path))
+            rough, split = moved[-1], np.full(len(rows), len(path))
         else:
-            of_one = np.concatenate([zero, np.cumsum(radius[0] * chord, axis=0)])
-            of_other = np.concatenate([np.cumsum((radius[1] * chord)[::-1], axis=0)[::-1], zero])
-            split = np.asarray((of_one + of_other).argmin(axis=0))
-            rough = (of_one + of_other).min(axis=0)
+            of_other = choose(revolute, other.radius(w, p), ONE)
+            moved_other = (of_other * chord)[::-1].sums()[::-1]
+            both = moved + moved_other
+            split = np.asarray(both.value.argmin(axis=0))
+            rough = both.least(axis=0)
         of_i = np.arange(len(path))[:, None] < split
-        before = np.concatenate([zero, np.cumsum(chord * revolute, axis=0)])  # the chords of the joints before each
+        radius = radius if obstacle else choose(of_i, radius, of_other)
+        before = choose(revolute, chord, NOTHING).sums()  # the chords of the joints before each
         at_split = before[split, np.arange(len(rows))]
-        rotated = np.where(of_i, at_split - before[1:], before[:-1] - at_split)
-        rest = (np.where(of_i, radius[0], radius[1]) * (bend + rotated * chord)).sum(axis=0)
+        turned = choose(of_i, at_split - before[1:], before[:-1] - at_split)
+        rest = (radius * (bend + turned * chord)).sums()[-1]
 
-        g = np.where(revolute[..., None], np.cross(u, w), 0.0)
+        g = choose(revolute[..., None], cross(u, w), NOTHING)
         away = np.where(np.arange(len(path)) < up, -1.0, 1.0)  # a positive theta moves i nearer and j away
-        signed = away * np.array([joint.multiplier for joint in joints])
-        theta = signed[:, None, None] * np.moveaxis(self.theta[rows][:, :, leaders], 2, 0)
-        along = np.where(revolute, -np.einsum("crx,crx->cr", g, p), np.einsum("rx,crx->cr", u, w))
-        slope_i = np.einsum("crk,crx->rkx", theta * of_i[..., None], g)
-        slope_j = np.einsum("crk,crx->rkx", theta * ~of_i[..., None], g)
+        theta = Near(np.moveaxis(self.theta.value[rows][:, :, leaders], 2, 0), self.theta.error, self.theta.size)
+        theta = theta * Near(multiplier.value * away[:, None], multiplier.error, multiplier.size)[..., None]
+        along = choose(revolute, -dot(g, p), dot(u, w))
         # The minimum over x in i of (slope - u) . x, and over y in j of (slope + u) . y.
-        linear = (
-            np.einsum("crk,cr->rk", theta, along) - one.reach(u[:, None] - slope_i) - other.reach(-u[:, None] - slope_j)
-        )
+        slope = weighted(choose(of_i[..., None], theta, NOTHING), g)
+        linear = weighted(theta, along) - one.reach(ahead - slope)
+        if not obstacle:
+            slope = weighted(choose(~of_i[..., None], theta, NOTHING), g)
+            behind = other.reach(-(ahead + slope))
+        linear = linear - behind
+        close = linear.least(axis=1) - rest
         # The joint tolerances reduce the distance by the speed of the support, to first order.
-        deviation = np.zeros(len(rows))
         for c, leader in enumerate(leaders):
-            tolerance = share[c, 0] * proof.tolerance[leader]
-            if tolerance == 0.0:
+            if proof.tolerance[leader] == 0.0:
                 continue
-            speed = np.abs(along[c])
+            speed = Near(np.abs(along[c].value), along.error)
             if revolute[c, 0]:
                 d = g[c][:, None]
-                forth, back = (
-                    np.where(of_i[c], one.reach(sign * d)[:, 0], other.reach(sign * d)[:, 0]) for sign in (1, -1)
-                )
-                speed = np.maximum(forth + along[c], back - along[c])
-            deviation += tolerance * speed
-        close = linear.min(axis=1) - rest - deviation
-        close = np.where(self.single[rows], close, -np.inf)
-        return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
+                forth, back = (choose(of_i[c], one.reach(way)[:, 0], other.reach(way)[:, 0]) for way in (d, -d))
+                forth, back = forth + along[c], back - along[c]
+                speed = choose(forth.value > back.value, forth, back)
+            close = close - deviation[c] * speed
+        return np.maximum((gap - rough).lower, np.where(self.single[rows], close.lower, -np.inf))
+
+
+def _about(axis: Near, angle: Near) -> Near:
+    """Return rotations (T, 3, 3) about an axis (3,), by Rodrigues' formula I + sin K + (1 - cos) K^2.
+
+    K and K^2 have the norm 1, and K^2 has twice the error of K. The roundings are those of K^2 (6 u in the norm of all
+    entries, times at most 2), and at most 20 u of the other operations.
+    """
+    x, y, z = axis.value
+    cross_matrix = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sine, cosine = sine_cosine(angle)
+    turn = sine.value[:, None, None] * cross_matrix
+    turn = np.eye(3) + turn + (1.0 - cosine.value)[:, None, None] * (cross_matrix @ cross_matrix)
+    return rounded(turn, sine.error + cosine.error + axis.error * (5.0 + 2.0 * axis.error), 32, 1.0 + axis.error)
+
+
+def _chord_and_bend(delta: Near, revolute: npt.NDArray[np.bool_]) -> tuple[Near, Near]:
+    """Return, for joints that move by up to delta, the chords and the second-order terms, at a distance of 1.
+
+    Both grow with delta, the chords up to 2, the other terms by at most twice as much as delta.
+    """
+    capped = Near(np.minimum(delta.value, pi), delta.error, delta.size)
+    sine, cosine = sine_cosine(capped * 0.5)
+    chord = sine * 2.0
+    bend = hypotenuse(capped - chord * cosine, chord * sine) + (delta - capped) * 2.0
+    return choose(revolute, chord, delta).measured(), choose(revolute, bend, NOTHING).measured()
 
 
 class _BodyTable:
     """The bodies of a proof as arrays, in its order."""
 
-    def __init__(self, bodies: list[Body]) -> None:
-        self._bodies = bodies
+    def __init__(self, bodies: list[Body], within: float) -> None:
+        self._bodies, self.within = bodies, within
         self.joint = np.array([body.joint for body in bodies], dtype=np.int64)
         self.half_space = np.array([body.half_space for body in bodies], dtype=bool)
         self.obstacle = np.array([body.kind == "obstacle" for body in bodies], dtype=bool)
-        self.rotation = np.array([body.rotation for body in bodies]).reshape(-1, 3, 3)
-        self.translation = np.array([body.translation for body in bodies]).reshape(-1, 3)
+        self.rotation = np.array([body.rotation.value for body in bodies]).reshape(-1, 3, 3)
+        self.translation = np.array([body.translation.value for body in bodies]).reshape(-1, 3)
         self.centre = np.array([body.centre for body in bodies]).reshape(-1, 3)
         self.ball = np.array([body.ball for body in bodies])
+        self.extent = np.array([body.extent for body in bodies])
         self._points = np.array([len(body.points) if body.bounded else 0 for body in bodies], dtype=np.int64)
 
     def reach(self, which: Indices, directions: Array) -> Array:
@@ -254,7 +309,7 @@ class _BodyTable:
         # Many rows of one body share a product of matrices; few are computed with bodies of equal size.
         for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):
             body = self._bodies[which[rows[0]]]
-            if len(rows) < FEW and not body.half_space:
+            if len(rows) < FEW:
                 few.append(rows)
                 continue
             for some in _parts(rows, directions.shape[1] * int(self._points[which[rows[0]]])):
@@ -286,30 +341,38 @@ class _Placed:
 
     def __init__(self, bounds: IntervalBounds, which: Indices, rows: Indices) -> None:
         self._which, self._table = which, bounds._bodies
-        joint = int(self._table.joint[which[0]])
-        rotation, translation = bounds.placed(joint)
-        turned, origin = rotation[rows], translation[rows]
-        self.rotation = turned @ self._table.rotation[which]
-        self._translation = origin + (turned @ self._table.translation[which, :, None])[..., 0]
-        self._centre = self._translation + (self.rotation @ self._table.centre[which, :, None])[..., 0]
+        table = self._table
+        rotation, translation = (part[rows] for part in bounds.placed(int(table.joint[which[0]])))
+        self.rotation = composed(rotation, Near(table.rotation[which], rotation_error(table.within)))
+        self._translation = rotated(rotation, Near(table.translation[which], ROOT_3 * table.within)) + translation
+        self._half_space = bool(table.half_space[which[0]])
 
-    def reach(self, directions: Array) -> Array:
-        """Return (R, K) the supports in directions (R, K, 3) in root."""
-        local = self._table.reach(self._which, directions @ self.rotation)
-        return np.asarray(local + np.einsum("rkc,rc->rk", directions, self._translation))
+    def reach(self, directions: Near) -> Near:
+        """Return (R, K) the supports in directions (R, K, 3) in root; of half-spaces in the direction of their normal.
 
-    def radius(self, w: Array, p: Array) -> Array:
+        A support changes by as much as its direction, times the distance of the farthest point of the body.
+        """
+        origin = dot(directions, self._translation[:, None])
+        if self._half_space:
+            return origin
+        local, table = rotated(self.rotation, directions, back=True), self._table
+        far = float(table.extent[self._which].max()) + 5.0 * table.within
+        error = local.error * far + 5.0 * table.within * local.size
+        return rounded(table.reach(self._which, local.value), error, 16, local.size * far) + origin
+
+    def radius(self, w: Near, p: Near) -> Near:
         """Return (c, R) upper bounds of the distance of the bodies from axes along w through p, both (c, R, 3)."""
-        out = np.cross(w, self._centre - p)
-        return np.asarray(np.linalg.norm(out, axis=-1) + self._table.ball[self._which])
+        centre = rotated(self.rotation, Near(self._table.centre[self._which])) + self._translation
+        return (length(cross(w, centre - p)) + self._table.ball[self._which] + 5.0 * self._table.within).measured()
 
 
-def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
+def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Near, npt.NDArray[np.bool_]]:
     """Return smallest and largest joint values (T, n), control points (T, K, n), and whether these are all (T,).
 
     A piece of the curve is in the hull of its control points; those of a part of a piece are its blossoms (de
     Casteljau's algorithm, with u0 and u1 as the parameters). If an interval spans several pieces, only the control
-    points of the first are returned.
+    points of the first are returned. The error of all is that of the control points: on each level the averages have 4
+    roundings, and 6 from those of u0 and u1, of numbers that do not grow.
     """
     # The pieces of the curve that each interval meets.
     begins, ends = curve.knots[:-1], curve.knots[1:]
@@ -336,7 +399,7 @@ def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDA
     # The box around the control points of all pieces of an interval.
     low = np.minimum.reduceat(control.min(axis=1), starts, axis=0)
     high = np.maximum.reduceat(control.max(axis=1), starts, axis=0)
-    return low, high, control[starts], counts == 1
+    return low, high, rounded(control[starts], 0.0, 10 * points, float(np.abs(curve.control).max())), counts == 1
 
 
 COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
@@ -350,8 +413,8 @@ FIELDS = {
 class Constraint:
     """One constraint of a file; vectors of the tcp are in the frame of its joint, all others in the root frame."""
 
-    def __init__(self, row: Any, k: int, joints: int) -> None:
-        self.where = where = f"constraints[{k}]"
+    def __init__(self, row: Any, k: int, joints: int, within: float) -> None:
+        self.where, self._within = (where := f"constraints[{k}]"), within
         self.kind = member(row, where, "kind")
         if type(self.kind) is not str or self.kind not in FIELDS:
             raise Refused(f"{where}.kind: must be {', '.join(FIELDS)}, not {shown(self.kind)}")
@@ -366,11 +429,13 @@ class Constraint:
             raise Refused(f"{where}.tolerance: must be below pi/2")
         keys = [key for key in FIELDS[self.kind] if key in ("axis", "direction", "point", "origin")]
         self.vectors = {
-            key: unit_vector(row, where, key) if key in ("axis", "direction") else numbers(row, where, key, (3,))
+            key: unit_vector(row, where, key, within)
+            if key in ("axis", "direction")
+            else Near(numbers(row, where, key, (3,)), ROOT_3 * within)
             for key in keys
         }
         if self.kind == "region":
-            self.rotation, self.translation = placement(row, where)
+            self.rotation, self.translation = placement(row, where, within)
             # null is a side without an end
             self.low, self.high = (
                 optional_numbers(row, where, key, 3, end) for key, end in (("low", -np.inf), ("high", np.inf))
@@ -378,62 +443,61 @@ class Constraint:
             if not (self.low <= self.high).all():
                 raise Refused(f"{where}: low exceeds high")
         self.intervals = numbers(row, where, "intervals", (None, 2), LARGEST_PARAMETER)
-        # The vectors (3,), whose size determines the rounding error.
-        self.positions = [*self.vectors.values(), *([self.translation] if self.kind == "region" else [])]
 
-    def errors(self, bounds: IntervalBounds, joints: list[Joint], tolerance: Array, rounding: float) -> Array:
+    def errors(self, bounds: IntervalBounds, joints: list[Joint], tolerance: Array) -> Array:
         """Return (T,) upper bounds (rad or m) of the error in each interval; joints deviate by ``tolerance`` (n,)."""
         # The vector that stays in the set, at the middle of the interval.
         rotation, translation = bounds.placed(self.joint)
-        cone: Array | None = None
-        centre = np.zeros(3)
+        cone: Near | None = None
+        centre, still = near(np.zeros(3)), near(np.zeros_like(translation.value))
         if self.kind == "direction":
-            moved = rotation @ self.vectors["axis"]
-            cone = np.broadcast_to(self.vectors["direction"], translation.shape)
+            moved = rotated(rotation, self.vectors["axis"])
+            cone = self.vectors["direction"] + still
         elif self.kind == "region":
-            moved = rotation @ self.vectors["point"] + translation
+            moved = rotated(rotation, self.vectors["point"]) + translation
         else:
-            moved = np.broadcast_to(self.vectors["point"], translation.shape)
-            centre, cone = rotation @ self.vectors["origin"] + translation, rotation @ self.vectors["axis"]
+            moved = self.vectors["point"] + still
+            centre = rotated(rotation, self.vectors["origin"]) + translation
+            cone = rotated(rotation, self.vectors["axis"])
         # The joints in the order from the set outward: from the root, except for a target.
         order, joint = list[int](), self.joint
         while joint >= 0:
             order.append(joint)
             joint = joints[joint].parent
         order = order if self.kind == "target" else order[::-1]
-        sign = -1.0 if self.kind == "target" else 1.0
 
         # The change of the vector while the joints move: linear, and the rest that is bounded.
-        count, points = len(translation), bounds.theta.shape[1]
-        change = np.zeros((count, points, 3))
-        rest, rough, turned = np.zeros((3, count))
+        change = near(np.zeros((*bounds.theta.value.shape[:2], 3)))
+        rest = rough = turned = near(np.zeros(len(translation.value)))
         for k in order:
             each, (w, p) = joints[k], bounds.axis(k)
             if self.kind == "direction":
-                velocity = np.cross(w, moved) if each.revolute else np.zeros((count, 3))
+                velocity = cross(w, moved) if each.revolute else still
             else:
-                velocity = sign * (np.cross(w, moved - p) if each.revolute else w)
-            share, radius = abs(each.multiplier), np.linalg.norm(velocity, axis=1)
+                velocity = cross(w, moved - p) if each.revolute else w
+                velocity = -velocity if self.kind == "target" else velocity
+            multiplier, radius = Near(np.array(each.multiplier), self._within), length(velocity)
+            share = Near(np.abs(multiplier.value), self._within)
             deviation = share * tolerance[each.leader]
             delta = share * bounds.half_width[:, each.leader] + deviation
-            chord = 2.0 * np.sin(np.minimum(delta, pi) / 2.0) if each.revolute else delta
-            bend = np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))) if each.revolute else 0.0
-            rest += radius * (bend + turned * chord + deviation)
-            rough += radius * chord
+            chord, bend = _chord_and_bend(delta, np.array(each.revolute))
+            rest = rest + radius * (bend + turned * chord + deviation)
+            rough = rough + radius * chord
             if each.revolute:
                 turned = turned + chord
-            change += each.multiplier * bounds.theta[:, :, each.leader, None] * velocity[:, None]
-        change = np.where(bounds.single[:, None, None], change, 0.0)
-        rest = np.where(bounds.single, rest, rough) + rounding
+            change = change + multiplier * bounds.theta[:, :, each.leader, None] * velocity[:, None]
+        change = choose(bounds.single[:, None, None], change, NOTHING)
+        rest = choose(bounds.single, rest, rough)
         # The error at all control points, and the rest.
-        image = np.asarray(moved - centre)[:, None] + change
+        image = (moved - centre)[:, None] + change
         if cone is None:
-            local = (image - self.translation) @ self.rotation
-            far = np.linalg.norm(local - np.clip(local, self.low, self.high), axis=2)
-            return np.asarray(far.max(axis=1) + rest)
-        along = np.einsum("tkx,tx->tk", image, cone)
-        angle = np.arctan2(np.linalg.norm(np.cross(image, cone[:, None]), axis=2), along).max(axis=1)
-        shortest = along.min(axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turn = np.arcsin(np.where(rest < shortest, rest / shortest, 1.0))
-        return np.where(rest < shortest, angle + turn + rounding, np.inf)
+            local = rotated(self.rotation, image - self.translation, back=True)
+            out = local.value - np.clip(local.value, self.low, self.high)
+            far = length(rounded(out, local.error + ROOT_3 * self._within, 1))
+            return (Near(far.value.max(axis=1), far.error) + rest).upper
+        along = dot(image, cone[:, None])
+        angle = angle_above(length(cross(image, cone[:, None])).upper, along.lower).max(axis=1)
+        shortest = along.least(axis=1)
+        # asin(rest / shortest), by the third side of the triangle
+        side = np.sqrt(np.maximum((shortest - rest).lower * (shortest + rest).lower, 0.0)) * (1.0 - 4 * UNIT_ROUNDOFF)
+        return np.asarray(np.nextafter(angle + angle_above(rest.upper, side), np.inf))

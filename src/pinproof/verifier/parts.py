@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .rounding import ROOT_3, TINY, UNIT_ROUNDOFF, UP, Near, sine_cosine
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
@@ -210,10 +212,13 @@ def index(value: Any, low: int, end: int, where: str) -> int:
 
 
 RIGID = 1e-9
-"""Largest error of rotation matrices and unit vectors, which are then made orthonormal."""
+"""Largest error of rotation matrices and unit vectors: what is meant is the nearest rotation, and the unit vector."""
+
+UNIT_ERROR = 8 * UNIT_ROUNDOFF
+"""Error of normalised vectors: 2.5 roundings of the length, and one of the quotient."""
 
 JUMP = 1e-12
-"""rad or m between the end of a piece of the curve and the start of the next: rounding, not motion."""
+"""rad or m between the end of a piece and the start of the next; bounds include deviations by the largest jump."""
 
 LARGEST_PARAMETER = 1e12
 """Largest magnitude of a curve parameter: 30,000 years in seconds, and differences are far from overflowing."""
@@ -245,23 +250,33 @@ LEVELS = 3
 """Number of levels of detail, from coarse to fine, on which bodies may represent a geometry."""
 
 
-def placement(row: Any, where: str) -> tuple[Array, Array]:
-    """Return rotation (3, 3) and translation (3,) of three rows of four numbers."""
+def rotation_error(within: float) -> float:
+    """Return the error of the rotation of a placement, in the norm of all entries, which are known within a number.
+
+    The Newton step has an error of 1.5 x^2 where singular values are 1 + x, less than 1e-17, and 12 roundings. The
+    nearest rotation changes by as much as the matrix (Higham 2008, "Functions of matrices", theorem 8.9).
+    """
+    return 16 * UNIT_ROUNDOFF + 4.0 * within
+
+
+def placement(row: Any, where: str, within: float) -> tuple[Near, Near]:
+    """Return rotation (3, 3) and translation (3,) of three rows of four numbers: the nearest rotation is meant."""
     place = numbers(row, where, "placement", (3, 4))
     rotation, translation = place[:, :3], place[:, 3]
     off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
     if not off <= RIGID or np.linalg.det(rotation) < 0:
         raise Refused(f"{where}.placement: is not rigid (off by {off:.3g})")
-    return rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation), translation  # one Newton step to the nearest
+    rotation = rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation)  # one Newton step to the nearest
+    return Near(rotation, rotation_error(within)), Near(translation, ROOT_3 * within)
 
 
-def unit_vector(row: Any, where: str, key: str) -> Array:
+def unit_vector(row: Any, where: str, key: str, within: float) -> Near:
     """Return the unit vector (3,) of a key, normalised."""
     vector = numbers(row, where, key, (3,))
     length = float(np.linalg.norm(vector))
     if not abs(length - 1.0) <= RIGID:
         raise Refused(f"{where}.{key}: its length must be 1, not {length}")
-    return vector / length
+    return Near(vector / length, UNIT_ERROR + 4.0 * within, 1.0 + UNIT_ERROR)
 
 
 class Joint:
@@ -269,7 +284,7 @@ class Joint:
 
     FIELDS = ("name", "type", "axis", "placement", "parent", "leader", "multiplier", "offset")
 
-    def __init__(self, row: Any, k: int, dof: int) -> None:
+    def __init__(self, row: Any, k: int, dof: int, within: float = 0.0) -> None:
         where = f"joints[{k}]"
         check_fields(row, where, self.FIELDS)
         text(row, where, "name")
@@ -280,8 +295,8 @@ class Joint:
         self.parent = index(member(row, where, "parent"), -1, k, f"{where}.parent")
         self.leader = index(member(row, where, "leader"), 0, dof, f"{where}.leader")
         self.multiplier, self.offset = number(row, where, "multiplier"), number(row, where, "offset")
-        self.axis = unit_vector(row, where, "axis")
-        self.rotation, self.translation = placement(row, where)
+        self.axis = unit_vector(row, where, "axis", within)
+        self.rotation, self.translation = placement(row, where, within)
 
 
 class Body:
@@ -299,7 +314,7 @@ class Body:
     SHAPE = ("points", "disc_radii", "radius", "semi_axes")
     MESH = ("vertices", "triangles", "solid")
 
-    def __init__(self, row: Any, i: int, joints: int) -> None:
+    def __init__(self, row: Any, i: int, joints: int, within: float = 0.0) -> None:
         self.where = where = f"bodies[{i}]"
         check_fields(row, where, self.FIELDS)
         self.name, self.owner, self.geometry, self.kind, self.sha256 = (
@@ -311,7 +326,7 @@ class Body:
         self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
         if self.kind == "obstacle" and self.joint != -1:
             raise Refused(f"{where}.joint: an obstacle moves with no joint; it must be -1")
-        self.rotation, self.translation = placement(row, where)
+        self.rotation, self.translation = placement(row, where, within)
         shape = member(row, where, "shape")
         self.half_space, self.bounded = shape == "half_space", shape is not None and shape != "half_space"
         if self.half_space and self.kind != "obstacle":
@@ -341,8 +356,8 @@ class Body:
         self.points, self.discs, self.radius, self.semi = points, discs, radius, semi
         self.centre = (points.min(axis=0) + points.max(axis=0)) / 2
         out = points - self.centre
-        far = np.hypot(np.hypot(out[:, 0], out[:, 1]) + discs, out[:, 2])
-        self.ball = float(far.max()) + radius + float(semi.max())
+        far = np.sqrt((np.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2) + discs) ** 2 + out[:, 2] ** 2)
+        self.ball = (float(far.max()) + radius + float(semi.max())) * (1.0 + 16 * UNIT_ROUNDOFF) + TINY
 
     def _read_mesh(self, shape: Any, where: str) -> None:
         check_fields(shape, where, self.MESH)
@@ -395,42 +410,51 @@ class Body:
                 return np.asarray(self.points[np.unique(label[self.triangles])])
             label = least
 
-    def winding(self, point: Array) -> float:
-        """Return how often the triangles wind about a point: the sum of their solid angles over 4 pi.
+    def winding(self, point: Array, error: float = 0.0) -> tuple[float, float]:
+        """Return how often the triangles wind about a point, and the error: the sum of their solid angles over 4 pi.
 
+        ``error`` is that of the point relative to the corners. The error is infinite if the point may be in an edge.
         Source: A. van Oosterom, J. Strackee (1983), "The solid angle of a plane triangle", equation 8.
         """
-        if np.linalg.norm(point - self.centre) > self.ball:
-            return 0.0
+        if np.linalg.norm(point - self.centre) * (1.0 - 8 * UNIT_ROUNDOFF) > self.ball + error:
+            return 0.0, 0.0
         a, b, c = np.moveaxis(self.points[self.triangles] - point, 1, 0)
         la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
         across = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-        return float(np.arctan2((a * np.cross(b, c)).sum(axis=1), across).sum() / (2.0 * np.pi))
+        volume = (a * np.cross(b, c)).sum(axis=1)
+        half = np.arctan2(volume, across)  # a guess, which its sine and cosine prove
+        sine, cosine = sine_cosine(Near(half))
+        size = np.sqrt(volume * volume + across * across)
+        # Five products of three lengths change with their factors, and have less than 20 roundings each.
+        larger = (la + error) * (lb + error) * (lc + error)
+        off = 5.0 * (larger - la * lb * lc + 32 * UNIT_ROUNDOFF * larger) + 3.0 * size * sine.error
+        off += np.abs(volume * cosine.value - across * sine.value)
+        known = (off < size / 2.0) & (across * cosine.value + volume * sine.value > 0.0)
+        # An angle below 90 degrees is at most pi/2 times its sine.
+        off = np.where(known, off / np.where(known, size, 1.0), np.inf)
+        return float(half.sum() / (2.0 * np.pi)), float(off.sum()) / 2.0
 
     @property
     def extent(self) -> float:
-        """Distance (m) of its farthest point from the frame of its joint; of a half-space, of its surface."""
-        ball = self.ball if self.bounded else 0.0
-        return float(np.linalg.norm(self.translation) + np.linalg.norm(self.centre)) + ball
+        """Above the distance (m) of a point from the origin of the body, with what it grows; of a half-space 0."""
+        return UP * (float(np.linalg.norm(self.centre)) + 2.0 * self.ball) if self.bounded else 0.0
 
     def reach(self, directions: Array) -> Array:
         """Return the support function: the largest d . x of the body for directions d (..., 3), in its frame."""
-        if self.half_space:
-            sideways = np.abs(directions[..., :2]).max(axis=-1)
-            return np.where((sideways <= RIGID) & (directions[..., 2] > 0), 0.0, np.inf)
         return support(directions, self.points, self.discs, self.radius, self.semi)
 
 
 def support(directions: Array, points: Array, discs: Array, radius: float | Array, semi: Array) -> Array:
-    """Return the support function of one convex body, or of R bodies with ``directions`` (R, K, 3).
+    """Return the largest d . x of one convex body for ``directions`` (R, K, 3), or of R bodies.
 
     The arguments of R bodies are points (R, V, 3), disc radii (R, 1, V), radius (R, 1) and semi-axes (R, 1, 3).
     Supports of Minkowski sums add up; that of a hull is the largest one of its points (Rockafellar 1970, section 13).
+    No term has more than 10 roundings, and their sum is at most the length of d times the extent of the body.
     """
     most = directions @ np.swapaxes(points, -1, -2)
     if discs.any():
-        most = most + np.hypot(directions[..., 0], directions[..., 1])[..., None] * discs
-    grown = radius * np.linalg.norm(directions, axis=-1)
+        most = most + np.sqrt(directions[..., 0] ** 2 + directions[..., 1] ** 2)[..., None] * discs
+    grown = radius * np.sqrt(np.einsum("...x,...x->...", directions, directions))
     if semi.any():
         grown = grown + np.linalg.norm(semi * directions, axis=-1)
     return np.asarray(most.max(axis=-1) + grown)
@@ -477,7 +501,10 @@ class Curve:
             k = bad[0]
             described = f"piece {k} moves a joint by {span[k]:.6g} within a width of {width[k]:.6g}"
             raise Refused(f"curve.knots[{k + 1}]: {described}; at most {FASTEST:g} per unit of the parameter is read")
-        bad = np.flatnonzero(~(np.abs(self.control[1:, 0] - self.control[:-1, -1]).max(axis=1) <= JUMP))
+        jumps = np.abs(self.control[1:, 0] - self.control[:-1, -1]).max(axis=1)
+        bad = np.flatnonzero(~(jumps <= JUMP))
+        self.jump = UP * float(jumps.max(initial=0.0))
+        """rad or m, at least the largest difference between the end of a piece and the start of the next."""
         if len(bad):
             raise Refused(f"curve.control[{bad[0]}]: the next piece does not begin where this one ends")
         self.low, self.high = float(self.knots[0]), float(self.knots[-1])
@@ -490,12 +517,15 @@ class Curve:
         (Farouki 2012, section 3). Pieces whose hull exceeds a limit are bisected, which brings the hull closer to the
         curve, until the hull is inside or a point of the curve itself is outside. Control points are rounded numbers:
         an excess that is not larger than the rounding of their differences is allowed, and a jump of the velocity
-        between two pieces, as long as all of them together have almost no effect.
+        between two pieces, as long as all of them together have almost no effect. ``own`` are the errors of this
+        computation: of differences and quotients 4 roundings of numbers whose errors are divided by the width too,
+        and of a bisection one for each average, which does not amplify errors.
         """
         width = np.diff(self.knots)[:, None]
         # The errors of the control points are those of numbers that were rounded several times.
         control, quantities = self.control, []
         size = ROUNDINGS * EPSILON * np.abs(self.control).max(axis=(0, 1)) * np.ones_like(width)
+        own = np.zeros_like(size)
         for order, (quantity, (low, high)) in enumerate(limits.items()):
             excess = np.zeros(size.shape)  # of the pieces that are inside except for rounding
             jumps = np.abs(control[1:, 0] - control[:-1, -1]) * np.isfinite(high) if order == 2 else excess[1:]
@@ -503,15 +533,21 @@ class Curve:
                 degree = control.shape[1] - 1
                 rise = degree * np.diff(control, axis=1) if degree else 0.0 * control
                 control = np.divide(rise, width[:, None], out=np.zeros_like(rise), where=width[:, None] > 0.0)
-                size = np.divide(2.0 * degree * size, width, out=np.zeros_like(size), where=width > 0.0)
+                size, own = (
+                    np.divide(2.0 * degree * each, width, out=np.zeros_like(size), where=width > 0.0)
+                    for each in (size, own)
+                )
+                own = UP * (own + 4 * UNIT_ROUNDOFF * np.abs(control).max(axis=1))
             if not (np.isfinite(low) | np.isfinite(high)).any():
                 continue
             quantities.append(quantity)
             slack = LIMIT_SLACK * (np.where(np.isfinite(high), high, 0.0) if order else np.ones(self.dof))
+            averages = (BISECTIONS + 2) * control.shape[1]
+            off = own + averages * UNIT_ROUNDOFF * (np.abs(control).max(axis=1) + slack)
             parts, owner = control, np.arange(len(control))
             # Bisection of the pieces whose hull exceeds a limit.
             for _ in range(BISECTIONS):
-                over = np.maximum(low - slack - parts.min(axis=1), parts.max(axis=1) - high - slack)
+                over = np.maximum(low - slack - parts.min(axis=1), parts.max(axis=1) - high - slack) + off[owner]
                 open_ = ~(over <= size[owner]).all(axis=1)
                 np.maximum.at(excess, owner[~open_], over[~open_])
                 parts, owner = parts[open_], owner[open_]
@@ -523,7 +559,7 @@ class Curve:
             # What is allowed for rounding must have almost no effect in sum.
             impulse = excess * width
             impulse[1:] += jumps
-            if not len(parts) and impulse.sum(axis=0).max() <= IMPULSE:
+            if not len(parts) and UP * impulse.sum(axis=0).max() <= IMPULSE:
                 continue
             k = int(owner[int(outside.argmax())]) if len(parts) else int(impulse.max(axis=1).argmax())
             raise Refused(f"curve.control[{k}]: the {quantity} is not proven to keep the limits of the proof")

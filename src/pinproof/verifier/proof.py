@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -29,18 +30,12 @@ from .parts import (
     shown,
     text,
 )
+from .rounding import ROOT_3, UP, Near, rotated
 
 FORMAT, VERSION = "pinproof proof", 3
 
-ROUNDING = 1e-9
-"""Allowance (m) for floating-point error for each metre of reach: about 10^7 roundings of numbers of that size."""
-
-TURNING = 1e3
-"""rad or m: the rounding of joint values is within :data:`ROUNDING` up to this sum of all joint values, and
-proportional to the sum beyond it (an angle of 10^3 rad is rounded by 10^-13 rad)."""
-
-OUTSIDE = 0.1
-"""A closed surface winds about a point by a whole number, which is 0 outside. Rounding is far smaller than this."""
+OUTSIDE = 0.5
+"""A closed surface winds about a point by a whole number, which is 0 outside; its error is added before comparison."""
 
 MOST_CELLS, MOST_STEPS = 1 << 24, 1 << 31
 """Largest number of cells that the parts of two meshes form, and of comparisons of a parameter with an interval."""
@@ -121,11 +116,15 @@ class ProofVerdict:
         return line
 
 
-def verify(document: Any) -> ProofVerdict:
-    """Return whether the proof in a parsed file holds; a malformed document is refused, and raises no exception."""
+def verify(document: Any, within: float = 0.0) -> ProofVerdict:
+    """Return whether the proof in a parsed file holds; a malformed document is refused, and raises no exception.
+
+    If it holds, it does so for all numbers of joints, bodies, constraints and control points that differ from those in
+    the file by at most ``within``.
+    """
     try:
         # Everything that the proof claims is derived again.
-        proof = Proof(document)
+        proof = Proof(document, within)
         proof.check_complete()
         clearance, intervals = proof.check_pairs()
         constraints = proof.check_constraints()
@@ -173,21 +172,24 @@ class Parts:
 
 
 class Proof:
-    """The parts of a proof file, the mapping of docs/formats/proof.md; raises Refused if one is malformed."""
+    """The parts of a proof file, the mapping of docs/formats/proof.md; raises Refused if one is malformed.
 
-    def __init__(self, document: Any) -> None:
+    Its bounds hold for all numbers that differ from those in the file by at most ``within``.
+    """
+
+    def __init__(self, document: Any, within: float = 0.0) -> None:
         version = member(document, "", "version")
         if member(document, "", "format") != FORMAT or type(version) is not int or version != VERSION:
             raise Refused(f"format: this verifier reads {FORMAT!r}, version {VERSION}")
         check_fields(document, "", FIELDS)
-        self.document = document
+        self.document, self.within = document, (within := UP * within)  # a difference is rounded
         # The parts in the order in which others refer to them.
         self.curve = Curve(member(document, "", "curve"))
         if member(member(document, "", "hashes"), "hashes", "curve") != self.curve.sha256:
             raise Refused("hashes.curve: does not match the curve in the file")
         self.limits = self._read_limits(member(document, "", "limits"))
-        self.joints = [Joint(row, k, self.curve.dof) for k, row in enumerate(items(document, "", "joints"))]
-        self.bodies = [Body(row, i, len(self.joints)) for i, row in enumerate(items(document, "", "bodies"))]
+        self.joints = [Joint(row, k, self.curve.dof, within) for k, row in enumerate(items(document, "", "joints"))]
+        self.bodies = [Body(row, i, len(self.joints), within) for i, row in enumerate(items(document, "", "bodies"))]
         # Names are unique, and all bodies of an owner move with the same joint.
         names: set[str] = set()
         self._owners: dict[str, Body] = {}
@@ -223,8 +225,7 @@ class Proof:
         self.intervals = numbers(document, "", "intervals", (None, 2), LARGEST_PARAMETER)
         self._check_intervals(self.intervals, "intervals")
         rows = items(document, "", "constraints") if "constraints" in document else []
-        self.constraints = [Constraint(row, k, len(self.joints)) for k, row in enumerate(rows)]
-        self.rounding = self._rounding()
+        self.constraints = [Constraint(row, k, len(self.joints), within) for k, row in enumerate(rows)]
 
     def _read_limits(self, row: Any) -> dict[str, tuple[Array, Array]]:
         """Return the lowest and highest position, velocity and acceleration (n,); nothing if no limits are claimed."""
@@ -244,17 +245,6 @@ class Proof:
         unknown = [name for name in row[:2] if name not in self._owners]
         if unknown:
             raise Refused(f"{where}: no body has the owner {shown(unknown[0])}")
-
-    def _rounding(self) -> float:
-        """Return the allowance (m) for floating-point error of distances, in proportion to reach and joint values."""
-        largest = np.abs(self.curve.control).max(axis=(0, 1)) + self.tolerance
-        values = [abs(joint.multiplier) * float(largest[joint.leader]) + abs(joint.offset) for joint in self.joints]
-        travel = sum(value for joint, value in zip(self.joints, values, strict=True) if not joint.revolute)
-        chain = sum(float(np.linalg.norm(joint.translation)) for joint in self.joints)
-        vectors = [float(np.linalg.norm(each)) for row in self.constraints for each in row.positions]
-        reach = max([*(body.extent for body in self.bodies), *vectors], default=0.0) + chain + travel
-        turning = sum(values) * self.curve.control.shape[1]  # each control point is one more average
-        return ROUNDING * max(1.0, reach) * max(1.0, turning / TURNING)
 
     def members(self, k: int) -> tuple[int, int]:
         """Return the two bodies of pair k; an obstacle is the second."""
@@ -277,7 +267,7 @@ class Proof:
 
     def required(self, i: int, j: int) -> float:
         """Return the distance (m) to be proven between two bodies: their margin plus the tolerance of an obstacle."""
-        return self.margin_between(i, j) + self.tolerance_of(j)
+        return math.nextafter(self.margin_between(i, j) + self.tolerance_of(j), math.inf)
 
     def joints_between(self, a: int, b: int) -> tuple[list[int], int]:
         """Return the joints on the path from joint a to joint b, and how many of them, from the first, are up."""
@@ -332,7 +322,7 @@ class Proof:
                 raise Refused(f"{self._name_of(bad[0])}.directions: must be unit vectors")
             # The distance that the directions prove must be larger than the margin.
             bounds = IntervalBounds(self, self.intervals, parts.bodies)
-            bound = bounds.distance(separated[:, 0], separated[:, 1], rows, u / length[:, None])
+            bound = bounds.distance(separated[:, 0], separated[:, 1], rows, u)
             required = np.array([self.required(*pair) for pair in bodies])[k]
             short = np.flatnonzero(~(bound > required))  # also true for NaN
             if len(short):
@@ -340,7 +330,7 @@ class Proof:
                 interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[row]])
                 found = f"on {interval} a distance of {bound[row]:.9g} m is proven"
                 raise Refused(f"{self._name_of(k[row])}: {found}; it must be larger than {required[row]:.9g} m")
-            least = float((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min())
+            least = math.nextafter((bound - np.array([self.tolerance_of(b) for _, b in bodies])[k]).min(), -math.inf)
             self._check_outside(bodies)
         claim = member(self.document, "", "claim")
         check_fields(claim, "claim", ("status", "clearance"))
@@ -424,11 +414,16 @@ class Proof:
             mesh, other = self.bodies[outer], self.bodies[inner]
             if not mesh.solid:
                 continue
-            (turn, shift), (other_turn, other_shift) = (start.placed(body.joint) for body in (mesh, other))
-            points = other.witnesses @ other.rotation.T + other.translation
-            points = (points @ other_turn[0].T + other_shift[0] - shift[0]) @ turn[0]
-            for point in (points - mesh.translation) @ mesh.rotation:
-                if not abs(mesh.winding(point)) < OUTSIDE:
+            (turn, shift), (other_turn, other_shift) = (
+                (rotation[0], translation[0]) for rotation, translation in map(start.placed, (mesh.joint, other.joint))
+            )
+            corners = ROOT_3 * self.within
+            points = rotated(other.rotation, Near(other.witnesses, corners)) + other.translation
+            points = rotated(turn, rotated(other_turn, points) + other_shift - shift, back=True) - mesh.translation
+            points = rotated(mesh.rotation, points, back=True)
+            for point in points.value:
+                number, error = mesh.winding(point, points.error + corners)
+                if not abs(number) + error < OUTSIDE:
                     raise Refused(f"{other.where}: a part of {other.name} is inside {mesh.name}, or in its surface")
 
     def _name_of(self, k: int) -> str:
@@ -437,7 +432,7 @@ class Proof:
 
     def errors_of(self, constraint: Constraint, intervals: Array) -> Array:
         """Return (T,) upper bounds (rad or m) of the error of a constraint on intervals (T, 2)."""
-        return constraint.errors(IntervalBounds(self, intervals), self.joints, self.tolerance, self.rounding)
+        return constraint.errors(IntervalBounds(self, intervals), self.joints, self.tolerance)
 
     def check_constraints(self) -> tuple[tuple[str, float, float, str], ...]:
         """Return name, proven largest error, tolerance and unit of each constraint; refuse one that is not proven."""

@@ -275,6 +275,10 @@ Indices = npt.NDArray[np.int64]
 DIGITS = 6
 """Decimals of a direction: for a body of 1 m the error is 1e-6 m at most; intervals that then fail are bisected."""
 
+SAME = 1e-13
+"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with. Proofs
+hold for all numbers that differ from theirs by so little, of which the verifier is informed."""
+
 CONFIRMED = 1e-6
 """Metres by which the verifier may show less clearance than the certificate has."""
 
@@ -342,13 +346,13 @@ def proof_document(certificate: Any, curve: Curve, checker: CollisionChecker) ->
     }
     # The verifier reads the claim without evidence, which its own bounds then divide into intervals.
     try:
-        proof = Proof(document)
+        proof = Proof(document, SAME)
     except Refused as refused:
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
     document["intervals"], document["pairs"] = _evidence(proof, certificate, checker)
     if certificate.constraints:
         document["constraints"] = _constraint_evidence(document, checker.arm, certificate.constraints)
-    verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
+    verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}}, SAME)
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
     if np.isfinite(verdict.clearance):
@@ -526,7 +530,7 @@ def _constraint_evidence(document: dict[str, Any], arm: Arm, proofs: Sequence[Co
         {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
         for each in proofs
     ]
-    proof = Proof({**document, "constraints": rows})
+    proof = Proof({**document, "constraints": rows}, SAME)
     for each, row, stated in zip(proofs, rows, proof.constraints, strict=True):
         tolerance = each.constraint.tolerance
         goal = min(each.largest + CONFIRMED, tolerance)
@@ -621,10 +625,6 @@ def _text(document: dict[str, Any]) -> str:
     return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
-SAME = 1e-12
-"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with: a
-thousandth of what the verifier allows for rounding, so a proof of either is a proof of both."""
-
 SHOWN = 5
 """Number of differences that are named; the others are counted."""
 
@@ -647,13 +647,13 @@ def verify_proof(
         A file that :meth:`Certificate.save` wrote.
     checker
         Your arm, scene and attached objects, with the pairs and margins that you require: the proof must have the same
-        joints and bodies (numbers within 1e-12), and prove each of these pairs with its margin or a larger one.
+        joints and bodies (numbers within 1e-13), and prove each of these pairs with its margin or a larger one.
         Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
     curve
-        Your motion: the proof must have equal knots, and control points within 1e-12.
+        Your motion: the proof must have equal knots, and control points within 1e-13.
     constraints
         The constraints of the tcp that you require, which needs ``checker``: the proof must have each of them (numbers
-        within 1e-12) with your tolerance or a smaller one.
+        within 1e-13) with your tolerance or a smaller one.
 
     Returns
     -------
@@ -674,7 +674,7 @@ def verify_proof(
     except (OSError, ValueError) as error:
         raise FileError(path, f"cannot be read as a proof: {error}") from error
     # The proof by itself.
-    verdict = verify(document)
+    verdict = verify(document, 0.0 if checker is None and curve is None else SAME)
     if not verdict.ok:
         return replace(verdict, not_compared=())
     proof = Proof(document)

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.verifier import IntervalBounds, Proof, rounding, verify
-from pinproof.verifier.interval_bounds import _chord_and_bend
+from pinproof.verifier.interval_bounds import _chord_and_bend, _Placed
 from pinproof.verifier.parts import Curve, placement, unit_vector
 from pinproof.verifier.rounding import (
     MOST_TURNS,
@@ -272,6 +272,57 @@ def test_without_its_errors_a_bound_would_exceed_the_exact_distance(rehashed, mo
         q = exact.curve_at(document, document["curve"]["knots"][0])
         above += D(float(found)) > exact.distance_of_balls(document, q, "hand", "post")
     assert above > 3
+
+
+@examples(60)
+@given(seed=SEEDS, within=st.sampled_from([1e-10, 1e-13]))
+def test_placements_and_axes_change_by_no_more_than_stated_if_all_their_numbers_change(
+    seed: int, within: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    place, axis = np.array(exact_place(rng)), rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    row, signs = {"placement": place.tolist(), "axis": axis.tolist()}, rng.choice([-1.0, 1.0], (4, 4))
+    rotation, translation = placement(row, "", within)
+    found = unit_vector(row, "", "axis", within)
+    by = D(within)
+    moved = [
+        [D(x) + D(s) * by for x, s in zip(*each, strict=True)] for each in zip(place.tolist(), signs[:3], strict=True)
+    ]
+    turn, shift = exact.nearest_rotation([row[:3] for row in moved]), [row[3] for row in moved]
+    entries = [D(float(x)) - y for x, y in zip(rotation.value.ravel(), [y for row in turn for y in row], strict=True)]
+    assert D(within) / 4 < exact.length(entries) <= D(rotation.error)
+    assert D(within) / 4 < off_by(translation[None], [shift]) <= D(translation.error)
+    other = exact.unit([D(x) + D(s) * by for x, s in zip(axis.tolist(), signs[3, :3], strict=True)])
+    assert off_by(found[None], [other]) <= D(found.error) < 5 * D(within)
+
+
+def exact_place(rng: np.random.Generator) -> np.ndarray:
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return np.column_stack([turn * np.sign(np.linalg.det(turn)), rng.normal(size=3)])
+
+
+@pytest.mark.parametrize("error", [1e-3, 1e-9])
+def test_a_rotation_that_is_not_known_exactly_moves_vectors_by_its_error(error: float) -> None:
+    """The exact one turns by this angle more, about an axis across the vector."""
+    turn, v = Near(np.eye(3), error), Near(np.array([[0.0, 0.0, 5.0]]))
+    truth = exact.transform(exact.about([D(1), D(0), D(0)], D(error)), [D(0), D(0), D(5)])
+    assert (
+        D(4.9 * error) < off_by(rotated(turn, v), [truth]) <= D(rotated(turn, v).error) < D(5.1 * math.sqrt(3) * error)
+    )
+
+
+@pytest.mark.parametrize("error", [1e-3, 1e-9])
+def test_a_support_changes_by_the_error_of_its_direction_times_the_farthest_point(rehashed, error: float) -> None:
+    document = slider(rehashed, 0.5, [(1.0, 0.0, 0.0)], [[[0.0], [0.0]]], (0.0, 0.0))
+    document["bodies"][0]["shape"]["points"] = [[5.0, 0.0, 0.0]]
+    for within, lost in ((0.0, 4.9 * error), (error, 6.5 * error)):
+        bounds = IntervalBounds(Proof(rehashed(document), within), np.zeros((1, 2)))
+        placed = _Placed(bounds, np.array([0]), np.array([0]))
+        found = placed.reach(Near(np.array([[[0.6, 0.8, 0.0]]]), error))
+        # The direction is longer by its error along the point, which is farther away, as is the surface of the ball.
+        truth = (0.6 + error) * (5.0 + within) + (0.01 + within) * math.hypot(0.6 + error, 0.8)
+        assert lost < truth - found.value[0, 0] <= found.error
 
 
 @pytest.mark.slow

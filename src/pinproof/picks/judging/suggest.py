@@ -15,10 +15,10 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from itertools import product
+from itertools import chain, product
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -313,6 +313,9 @@ def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the approach at which the screening requires a free configuration."""
 
+SCREENED_TOGETHER = 32
+"""Number of candidates that are screened in one call where they are judged by size."""
+
 CHECKS = 4
 """Number of cheap checks of candidates for each candidate that is judged."""
 
@@ -346,6 +349,7 @@ class _Trials:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks, self._screen = possible, CHECKS * budget, screen
         self._seen: dict[Suggestion, bool] = {}
+        self._may_be_good: dict[Change, bool] = {}
         self.best: Change | None = None
         """The smallest good change so far."""
         self._helps: tuple[Change, str] | None = None
@@ -389,22 +393,39 @@ class _Trials:
         size. Candidates are screened before, unless they are larger than a good one.
         """
         if len(candidates) > self.left:
-            for change in self._screen([change for change in candidates if change.early]):
+            for change in self._screened([change for change in candidates if change.early]):
                 if self.good(change):
                     break
-        rest = self._screen([change for change in candidates if self.left > 0 and self._smaller(change)])
         if self.best is not None:
-            for direction in dict.fromkeys([self.best.direction, *(change.direction for change in rest)]):
-                self.bisect([change for change in rest if change.direction == direction])
-        for change in rest:
-            if not self._smaller(change):
-                break
+            tried = set[tuple[int, ...]]()
+            for change in chain([self.best], self._ascending(candidates)):
+                if change.direction not in tried and self.left > 0:
+                    tried.add(change.direction)
+                    self.bisect(self._screened([each for each in candidates if each.direction == change.direction]))
+        for change in self._ascending(candidates):
             self.good(change)
         return self.suggestion()
 
+    def _ascending(self, candidates: list[Change]) -> Iterator[Change]:
+        """Those candidates, ordered by size, that are smaller than the best change and pass the screening.
+
+        They are screened as the search proceeds, as long as there is a budget.
+        """
+        for first in range(0, len(candidates), SCREENED_TOGETHER):
+            for change in self._screened(candidates[first : first + SCREENED_TOGETHER]) if self.left > 0 else ():
+                if self._smaller(change):
+                    yield change
+
+    def _screened(self, candidates: list[Change]) -> list[Change]:
+        """Those candidates smaller than the best change that pass the screening, each screened once."""
+        smaller = [change for change in candidates if self._smaller(change)]
+        if new := [change for change in smaller if change not in self._may_be_good]:
+            passed = set(self._screen(new))
+            self._may_be_good.update((change, change in passed) for change in new)
+        return [change for change in smaller if self._may_be_good[change]]
+
     def bisect(self, line: list[Change]) -> None:
         """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
-        line = [change for change in line if self._smaller(change)]
         if not line:
             return
         low, high, best = -1, len(line), self.best

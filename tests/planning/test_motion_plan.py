@@ -1,5 +1,6 @@
 """`pp.plan`: a certified motion in one call, to any kind of goal, or the reason with its evidence."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -313,6 +314,20 @@ def test_a_page_shows_the_configuration_that_is_the_reason(checker, goal, shown,
     text = (tmp_path / "motion.html").read_text()
     assert shown in text
     assert ">FREE<" not in text
+
+
+def test_a_pickle_has_the_motion_and_its_certificate_without_the_checker(to_pose, checker):
+    size = len(pickle.dumps(checker))
+    plan = pp.RrtConnect().plan(checker, START, GOAL)
+    for result in (to_pose, plan, pp.plan(checker, START, INSIDE)):
+        data = pickle.dumps(result)
+        assert len(data) < 0.3 * size
+        again = pickle.loads(data)
+        assert (again.status, again.message) == (result.status, result.message)
+        with pytest.raises(pp.errors.PlanFailed, match="checker"):
+            _ = pickle.loads(pickle.dumps(to_pose)).checker
+    assert pickle.loads(pickle.dumps(to_pose)).certificate.free
+    assert pickle.loads(pickle.dumps(plan)).certificate.free
 
 
 def test_show_serves_the_motion(to_pose):

@@ -10,7 +10,6 @@ The HTML is for notebooks: it needs no style sheet, script or network connection
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -258,8 +257,8 @@ class Answer(Shown):
 
     def changed(self: Own, **values: object) -> Own:
         """Return a copy with other values of fields; :func:`dataclasses.replace` would read those that are None."""
-        other = copy(self)
-        other.__dict__.update(values)
+        other = object.__new__(type(self))  # not by its pickle, which may leave out what can be made again
+        other.__dict__.update({**vars(self), **values})
         return other
 
     def _view(self) -> View:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -146,6 +147,10 @@ class PlanResult(PlanAnswer):
         " the trajectory",
         default=Solution(),
     )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A pickle has no checker, whose size is a thousand times that of the rest, and a complete certificate."""
+        return {**vars(self), "certificate": self.certificate if self.ok else None, "checker": None}
 
     def _view(self) -> View:
         path = self.path if self.ok else None

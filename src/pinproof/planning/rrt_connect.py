@@ -411,9 +411,8 @@ def _run_portfolio(
 def _search(
     settings: RrtConnect, ends: Ends, constraints: tuple[PathConstraint, ...], rng: np.random.Generator
 ) -> PlanResult:
-    """One search in a worker. The checker is removed from the result, because it is expensive to transfer."""
-    result = ConnectSearch(settings, ends, constraints, rng, None).run()
-    return result.changed(checker=None, certificate=result.certificate if result.ok else None)
+    """One search in a worker."""
+    return ConnectSearch(settings, ends, constraints, rng, None).run()
 
 
 def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> list[PlanResult]:

@@ -11,6 +11,7 @@ TOPICS = {
     "collision": "checks, certificates and edges, compared with coal",
     "several_arms": "joint groups, moving obstacles and conveyors",
     "reuse": "certificates reused in changed scenes",
+    "replanning": "motions that are replaced while they run",
     "depth": "occupancy grids of depth images",
     "scaling": "costs against the number of obstacles, triangles and joints",
     "picks": "picks, screening, campaigns and durations",

@@ -207,7 +207,7 @@ def replan(
     require_positive("delay (s)", delay, zero=True)
     require_integer("budget", budget, 0)
     names, n = checker.group.joint_names, checker.group.dof
-    remaining, now = running.after(t_now), min(t_now, running.duration)
+    remaining, now, duration = running.after(t_now), float(t_now), running.duration
     aims = finite("goals", np.atleast_2d(running.end if goals is None else np.asarray(goals)), (None, n))
     allowed = finite("tolerance", np.full(n, tolerance) if np.ndim(tolerance) == 0 else tolerance, (n,))
 
@@ -236,7 +236,7 @@ def replan(
     takeover, state = _takeover(running, now + delay, bounds)
     search = _Continuation(checker, state, aims, bounds, further, kept, rng)
     if not proof.free and takeover > now:
-        before = certify(CurvePart.of(running, now, takeover), checker, constraints=kept, limits=None)
+        before = certify(CurvePart.of(running, min(now, duration), min(takeover, duration)), checker, constraints=kept, limits=None)
         if not before.free:
             message = f"no new motion can take over before t = {takeover:.4g} s: {_why(before)}"
             return result(ReplanStatus.UNPROVEN_STOP, message, takeover, search.stop())
@@ -260,15 +260,16 @@ def _why(proof: Certificate, begin: float = 0.0) -> str:
     """Why a motion that begins at ``begin`` (s) is not proven, with the time on that clock."""
     if (met := proof.first_contact) is None:
         return proof.message
-    return f"{' and '.join(met.bodies)} are in contact at t = {begin + met.time:.4g} s"
+    return f"{' and '.join(met.bodies)} are in contact at t = {begin + met.time:.3f} s"
 
 
 def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[float, State]:
     """The first time at which the limits permit to leave a motion, and the state there; the earliest time if none."""
     jerk, slack, first = SHARES[2] * np.asarray(bounds.jerk), 1.0 + RATE_TOLERANCE, None
-    for time in np.arange(earliest, earliest + LATEST, STEP).clip(max=running.duration).tolist():
-        q, velocity, acceleration = running(time), running.velocity(time), running.acceleration(time)
-        if time == running.duration:
+    for time in np.arange(earliest, earliest + LATEST, STEP).tolist():
+        at = min(time, running.duration)
+        q, velocity, acceleration = running(at), running.velocity(at), running.acceleration(at)
+        if at == running.duration:
             acceleration = np.zeros_like(q)  # the arm rests from there on
         state = q.tolist(), velocity.tolist(), acceleration.tolist()
         first = first or (time, state)

@@ -12,7 +12,7 @@ from pinproof.errors import InputError, PlanFailed
 from pinproof.motion import TorqueLimits
 from pinproof.planning import ReplanStatus, replan
 from pinproof.planning.moves import FreeMoves
-from pinproof.planning.replanning import RAMP, SHARES
+from pinproof.planning.replanning import RAMP, SHARE
 
 from .arms import ball_arm
 
@@ -250,7 +250,7 @@ def test_a_new_motion_takes_over_after_the_delay_until_which_the_running_one_mus
 def test_a_motion_that_cannot_be_left_at_once_is_left_when_it_has_ceased_to_accelerate(gantry):
     running, _, scene = sliding(gantry, None)
     checker = pp.CollisionChecker(gantry, scene)
-    limits, jerk = gantry.limits, SHARES[2] * gantry.limits.acceleration / RAMP
+    limits, jerk = gantry.limits, SHARE * gantry.limits.acceleration / RAMP
     now = 0.498  # 0.004 m/s below the velocity limit, at full acceleration
     over = running.velocity(now) + running.acceleration(now) ** 2 / (2 * jerk)
     assert over[0] > limits.velocity[0]
@@ -363,3 +363,41 @@ def test_random_obstacles_on_the_way_of_a_ur5(ur5, seed):
             assert_free(result, checker)
         elif result.certificate.first_contact is not None:
             assert not checker.check(result.certificate.first_contact.q).free
+
+
+def test_a_control_loop_moves_to_and_fro_beside_a_walking_person(ur5):
+    """What the arm executes is one motion with a continuous acceleration, free of the person by coal."""
+    running, _, scene = reaching(ur5, 60.0)
+    scene, tick, began, goals = scene.remove("ball"), 0.05, 0.0, [running.end, running.start]
+    pieces, statuses = [(0.0, running)], set()
+
+    def person(t, radius):
+        return pp.Obstacle("person", pp.Cylinder(radius, 1.8), pp.pose((0.85, 1.2 - 0.4 * t, 0.0)))
+
+    for t in np.arange(0.0, 5.0, tick):
+        since = max(t - began, 0.0)
+        q = pieces[-1][1](min(since, pieces[-1][1].duration))
+        if np.array_equal(q, goals[0]):
+            goals.reverse()
+        for radius in (0.35, 0.3, 0.25):
+            now = pp.CollisionChecker(ur5, scene.add(person(t, radius)), margin=0.005)
+            new = replan(pieces[-1][1], now, q, since, goals=goals[0], delay=tick, jerk=60.0)
+            if new.proven:
+                break
+        statuses.add(new.status)
+        if new.status is not ReplanStatus.KEPT:
+            began += new.takeover
+            pieces.append((began, new.trajectory))
+    assert {ReplanStatus.KEPT, ReplanStatus.CHANGED} <= statuses
+    assert len(pieces) > 5
+    # The executed motion, at steps of 1 ms.
+    times = np.arange(0.0, 5.0, 1e-3)
+    which = np.searchsorted([begin for begin, _ in pieces], times, side="right") - 1
+    q = np.array(
+        [pieces[k][1](min(t - pieces[k][0], pieces[k][1].duration)) for k, t in zip(which, times, strict=True)]
+    )
+    limits = (ur5.limits.velocity, ur5.limits.acceleration, np.full(6, 60.0))
+    for order, limit in enumerate(limits, start=1):
+        assert (np.abs(np.diff(q, order, axis=0)) / 1e-3**order <= limit * (1 + 1e-6) + 1e-5).all(), order
+    for t, at in zip(times[::20], q[::20], strict=True):
+        assert pp.CollisionChecker(ur5, pp.Scene([person(t, 0.2)])).is_free(at)

@@ -32,6 +32,8 @@ STATE_SHARE = 1.0 - 1e-11
 JERK_SLACK = 1e-4
 # Share of the velocity and acceleration limits that is left for rounding. A state that exceeds the rest is clipped.
 RATE_SLACK = 1e-6
+# Share of the velocity limits that is left if the motion begins in motion, so that it cannot be slowed down.
+MOVING_SLACK = 1e-4
 # Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point.
 SHORTEST_STEP = 5e-5
 
@@ -147,7 +149,7 @@ class Steering:
         )
         jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
         self._limits = {
-            "max_velocity": bounds.velocity * (1.0 - RATE_SLACK),
+            "max_velocity": bounds.velocity * (1.0 - (RATE_SLACK if moving is None else MOVING_SLACK)),
             "max_acceleration": bounds.acceleration * share * (1.0 - RATE_SLACK),
             "max_jerk": jerk,
         }

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import chain
 from typing import Any, Literal
@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify, check_constraints, require_curve
 from pinproof.common.results import Answer, Solution, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import PlanFailed
 from pinproof.motion import (
@@ -61,9 +62,8 @@ BUDGET = 45
 SAMPLES = 4000
 # Seconds within which, and at which steps, a state is searched that the limits permit to leave.
 LATEST, STEP = 0.25, 0.001
-# Shares of the limits of velocity, acceleration and jerk that moves use; the rest is for the rounding of times, because
-# a motion that begins in motion cannot be slowed down.
-SHARES = (1.0 - 1e-4, 1.0 - 1e-3, 1.0 - 1e-2)
+# Share of the limits of acceleration and jerk that moves use; a motion that begins in motion cannot be slowed down.
+SHARE = 0.99
 # Seconds between two samples of a motion.
 SAMPLE_TIME = 0.04
 # Number of stops at random positions, standard deviations (rad or m) of their distances from the end of the fastest
@@ -93,38 +93,22 @@ class ReplanStatus(Enum):
     OFF_MOTION = "the measured position deviates from the running motion by more than the tolerance"
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Replan(Answer):
     """The motion that continues a running one, or the reason why none is proven.
 
-    Parameters
-    ----------
-    status
-        KEPT, CHANGED or CHANGED_WITH_STOP for a motion to a goal; STOP, UNPROVEN_STOP or OFF_MOTION otherwise.
-    message
-        The outcome as text; if no motion is proven, with the contact and its time on the clock of the running motion.
-    takeover
-        Seconds on the clock of the running motion at which ``trajectory`` begins. Until then the running one continues.
-    goals
-        (g, n) the goals.
-    checker
-        The checker of the certificate, with finer bodies if an end of the motion is in contact only with coarse ones.
-    settings
-        The keywords of the call, which :meth:`replan` repeats.
-    trajectory, certificate
-        The motion and its certificate, which is FREE except for an UNPROVEN_STOP: that is the fastest stop. Reading
-        them raises :class:`pinproof.errors.PlanFailed` if OFF_MOTION, or if the limits permit no stop.
+    Where there is no motion, reading it raises :class:`pinproof.errors.PlanFailed`.
     """
 
     failure = PlanFailed
-    status: ReplanStatus
-    message: str
-    takeover: float
-    goals: Array
-    checker: CollisionChecker
-    settings: Mapping[str, Any] = field(repr=False)
-    trajectory: Solution[Trajectory] = Solution()
-    certificate: Solution[Certificate] = Solution()
+    status: ReplanStatus = key("KEPT, CHANGED or CHANGED_WITH_STOP if the motion ends at a goal, else the reason")
+    message: str = key("the outcome; if no motion is proven, with the contact and its time on the clock of `running`")
+    takeover: float = key("where `trajectory` begins on the clock of `running`, which continues until then", "s")
+    goals: Array = key("(g, n) the goals")
+    checker: CollisionChecker = key("that of the certificate, with finer bodies if ends touch only coarse ones")
+    settings: Mapping[str, Any] = key("the keywords of the call, which :meth:`replan` repeats")
+    trajectory: Solution[Trajectory] = key("the motion; if UNPROVEN_STOP, the fastest stop", default=Solution())
+    certificate: Solution[Certificate] = key("its certificate, FREE except for that stop", default=Solution())
 
     @property
     def ok(self) -> bool:
@@ -236,7 +220,9 @@ def replan(
     takeover, state = _takeover(running, now + delay, bounds)
     search = _Continuation(checker, state, aims, bounds, further, kept, rng)
     if not proof.free and takeover > now:
-        before = certify(CurvePart.of(running, min(now, duration), min(takeover, duration)), checker, constraints=kept, limits=None)
+        before = certify(
+            CurvePart.of(running, min(now, duration), min(takeover, duration)), checker, constraints=kept, limits=None
+        )
         if not before.free:
             message = f"no new motion can take over before t = {takeover:.4g} s: {_why(before)}"
             return result(ReplanStatus.UNPROVEN_STOP, message, takeover, search.stop())
@@ -265,7 +251,7 @@ def _why(proof: Certificate, begin: float = 0.0) -> str:
 
 def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[float, State]:
     """The first time at which the limits permit to leave a motion, and the state there; the earliest time if none."""
-    jerk, slack, first = SHARES[2] * np.asarray(bounds.jerk), 1.0 + RATE_TOLERANCE, None
+    jerk, slack, first = SHARE * np.asarray(bounds.jerk), 1.0 + RATE_TOLERANCE, None
     for time in np.arange(earliest, earliest + LATEST, STEP).tolist():
         at = min(time, running.duration)
         q, velocity, acceleration = running(at), running.velocity(at), running.acceleration(at)
@@ -293,11 +279,8 @@ class _Continuation:
     seed: int
 
     def __post_init__(self) -> None:
-        rates = self.bounds.velocity, self.bounds.acceleration, np.asarray(self.bounds.jerk)
-        velocity, acceleration, jerk = (share * rate for share, rate in zip(SHARES, rates, strict=True))
-        used = replace(self.bounds, velocity=velocity, acceleration=acceleration, jerk=jerk)
-        ends, further = np.array([self.state[0]]), (self.rate_limits, self.constraints)
-        self._moves = FreeMoves(self.checker, used, ends, *further, share=1.0, step=SAMPLE_TIME, moving=self.state)
+        of_motion = np.array([self.state[0]]), self.rate_limits, self.constraints
+        self._moves = FreeMoves(self.checker, self.bounds, *of_motion, share=SHARE, step=SAMPLE_TIME, moving=self.state)
         self._fastest = self._moves.steering.stop(self.state)
         self._untried, self._tried = self._stops(), list[Move]()
 

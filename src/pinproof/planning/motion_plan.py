@@ -22,6 +22,7 @@ from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.plan_results import Barrier, InvalidEnd, PlanResult, PlanStatus
 from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
 from pinproof.planning.problem import MAX_GOALS, read_ends
+from pinproof.planning.replanning import Replan, replan
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, simplify
 from pinproof.spatial import Array
@@ -163,6 +164,15 @@ class MotionPlan(Answer):
         known = PlotLimits.of(arm) if self.limits is None else PlotLimits(self.limits)
         plot = replace(known, jerk=bounds.jerk, rate_limits=self.rate_limits)
         write_html(path, arm, scene, motion, plot=plot, **content)
+
+    def replan(self, checker: CollisionChecker, q_now: npt.ArrayLike, t_now: float, **settings: Any) -> Replan:
+        """Continue this motion from its present state in a scene that has changed, see :func:`pinproof.replan`.
+
+        The goals, limits and constraints are those of this motion unless ``settings`` state others.
+        """
+        own = {name: getattr(self, name) for name in ("goals", "limits", "jerk", "rate_limits")}
+        own["constraints"] = [proof.constraint for proof in self.certificate.constraints]
+        return replan(self.trajectory, checker, q_now, t_now, **{**own, **settings})
 
     def _picture(self) -> tuple[Any, Any, Trajectory | None, dict[str, Any]]:
         """What :func:`pinproof.write_html` takes: arm, scene, motion and content."""

@@ -67,6 +67,9 @@ def with_obstacle(
 
 def faults_of(running: pp.Trajectory, result: Replan, bounds: Bounds) -> Iterator[str]:
     """What is wrong with a new motion, by differences of positions from before its beginning on, and by coal."""
+    if vars(result)["trajectory"] is None:
+        yield f"no stop: {result.message}"
+        return
     motion, begin = result.trajectory, result.takeover
     # A motion without a jerk limit may jump at its points, so that only its last piece before the new motion counts.
     known = running.times[running.times <= begin + 1e-9][-1 if running.interpolant == "cubic" else 0]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import pinproof as pp
 from pinproof.errors import InputError, PlanFailed
@@ -110,6 +111,21 @@ def test_a_new_motion_continues_the_running_one_within_its_limits(robot, case, j
     later = result.replan(checker, result.trajectory(0.3), 0.3)
     assert later.status is ReplanStatus.KEPT
     assert later.settings["jerk"] == jerk
+
+
+def test_a_motion_of_plan_is_replanned_to_its_goals_within_its_limits_and_constraints(panda):
+    level = pp.Upright.keeping(panda, panda.home, tolerance=np.radians(12))
+    goals = panda.home + np.array([[1.2, 0, 0, 0, 0, 0, 0], [1.3, 0, 0, 0, 0, 0, 0.2]])
+    motion = pp.plan(pp.CollisionChecker(panda), panda.home, goals, jerk=100.0, constraints=[level]).or_raise()
+    running, now = motion.trajectory, 0.3 * motion.duration
+    checker = pp.CollisionChecker(panda, pp.Scene([ball(panda, running(0.7 * motion.duration), 0.05)]))
+    result = motion.replan(checker, running(now), now)
+    assert result.proven
+    assert np.array_equal(result.goals, goals)
+    assert result.certificate.constraints[0].constraint == level
+    assert_continues(running, result, panda, 100.0)
+    assert_free(result, checker)
+    assert motion.replan(checker, running(now), now, delay=0.1).takeover >= now + 0.1
 
 
 def test_a_motion_that_stays_free_is_kept(ur5):
@@ -283,6 +299,31 @@ def test_any_state_of_a_motion_can_be_left_within_the_limits(ur5, share):
     assert result.ok, result.message
     assert_continues(running, result, ur5, jerk)
     assert_free(result, checker)
+
+
+def test_no_state_of_a_ramp_to_the_velocity_limit_leads_beyond_it(panda):
+    """Also those from which the limit is reached exactly, up to rounding, when the acceleration has become zero."""
+    jerk = 40.0
+    checker, limit = pp.CollisionChecker(panda), panda.limits.velocity
+    goal = panda.home - 0.2
+    for seed in range(12):
+        step = np.random.default_rng(seed).uniform(0.5, 1.5, 7) * np.sign(
+            0.5 * (panda.limits.lower + panda.limits.upper) - panda.home + 1e-3
+        )
+        path = pp.JointPath([panda.home, panda.limits.clip(panda.home + step)], panda.joint_names)
+        running = pp.optimise(path, checker, jerk=jerk, budget=30).trajectory
+
+        def spare(t, running=running):
+            then = np.abs(running.velocity(t) + running.acceleration(t) ** 2 / (2 * SHARE * jerk))
+            return float((1.0 - then / limit).min())
+
+        times = np.linspace(0.05, 0.9 * running.duration, 400)
+        signs = np.sign([spare(t) for t in times])
+        for k in np.flatnonzero(np.diff(signs)):
+            now = brentq(spare, times[k], times[k + 1], xtol=1e-12)
+            result = replan(running, checker, running(now), now, goals=goal, jerk=jerk, budget=5)
+            assert result.ok, result.message
+            assert (result.trajectory.max_velocity() <= limit * (1.0 + 1e-9)).all()
 
 
 def test_misuse_is_refused(ur5, gantry):

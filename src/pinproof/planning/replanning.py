@@ -29,7 +29,6 @@ from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import PlanFailed
 from pinproof.motion import (
-    RATE_TOLERANCE,
     Bounds,
     CurvePart,
     MotionLimits,
@@ -62,6 +61,8 @@ BUDGET = 45
 SAMPLES = 4000
 # Seconds within which, and at which steps, a state is searched that the limits permit to leave.
 LATEST, STEP = 0.25, 0.001
+# Share of the velocity limits that an arm that still accelerates must leave, and share that rounding errors may be.
+LEAVING, ROUNDING = 1e-6, 1e-10
 # Share of the limits of acceleration and jerk that moves use; a motion that begins in motion cannot be slowed down.
 SHARE = 0.99
 # Seconds between two samples of a motion.
@@ -251,7 +252,7 @@ def _why(proof: Certificate, begin: float = 0.0) -> str:
 
 def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[float, State]:
     """The first time at which the limits permit to leave a motion, and the state there; the earliest time if none."""
-    jerk, slack, first = SHARE * np.asarray(bounds.jerk), 1.0 + RATE_TOLERANCE, None
+    jerk, first = SHARE * np.asarray(bounds.jerk), None
     for time in np.arange(earliest, earliest + LATEST, STEP).tolist():
         at = min(time, running.duration)
         q, velocity, acceleration = running(at), running.velocity(at), running.acceleration(at)
@@ -259,9 +260,10 @@ def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[flo
             acceleration = np.zeros_like(q)  # the arm rests from there on
         state = q.tolist(), velocity.tolist(), acceleration.tolist()
         first = first or (time, state)
-        # The velocity when the acceleration has become zero.
+        # The velocity when the acceleration has become zero: below the limit, or not above the present one.
         then = np.abs(velocity + acceleration * np.abs(acceleration) / (2.0 * jerk))
-        if (then <= slack * bounds.velocity).all() and (np.abs(acceleration) <= slack * bounds.acceleration).all():
+        most = np.maximum(np.abs(velocity), (1.0 - LEAVING) * bounds.velocity) + ROUNDING * bounds.velocity
+        if (then <= most).all() and (np.abs(acceleration) <= (1.0 + ROUNDING) * bounds.acceleration).all():
             return time, state
     return first  # type: ignore[return-value]  # there is at least one time
 

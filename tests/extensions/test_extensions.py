@@ -119,3 +119,37 @@ def test_own_objectives_and_an_own_step_rule_give_checked_solutions(run: Callabl
         assert not arm.limits.violations(result.q, arm.joint_names)
     looking = pp.Clik().solve(arm, target, task="position", goal=done["camera"]).or_raise()
     assert done["camera"](looking.q) < 1e-3
+
+
+@pytest.mark.slow
+def test_an_own_planner_plans_motions_and_picks(run: Callable[[str], dict[str, Any]]) -> None:
+    pytest.importorskip("ompl", reason="OMPL is not installed: pip install ompl")
+    planner = run("own_planner")["Ompl"]()
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    table = pp.Obstacle("table", pp.Box(1.2, 1.6, 0.04), pp.pose((0.4, 0, -0.025)))
+    post = pp.Obstacle("post", pp.Cylinder(radius=0.04, length=0.5), pp.pose((0.45, 0, 0.245)))
+    scene = pp.Scene([table, post], allowed=[("base_link", "table")])
+    checker = pp.CollisionChecker(arm, scene, margin=0.01)
+    poses = [pp.pose((0.45, y, 0.2), (np.pi, 0, 0)) for y in (0.35, -0.35)]
+    start = pp.Clik().solve(arm, poses[0], accept=checker.is_free).or_raise().q
+    assert pp.plan(checker, start, poses[1], planner=planner).or_raise().certificate.free
+    budget = pp.picks.PickBudget(planner=planner, compared=1, remedies=0)
+    report = pp.validate_picks(arm, scene, [pp.Pick("side", poses[1], retreat=0.05)], home=start, budget=budget)
+    assert report.ok
+    assert all(motion.certificate.free for motion in report.verdicts[0].motions)
+
+
+@pytest.mark.slow
+def test_an_own_check_an_own_column_and_any_executor_judge_picks(
+    run: Callable[[str], dict[str, Any]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = run("own_check")
+    assert "reach 0.6 m" in capsys.readouterr().out
+    assert done["report"].ok
+    assert any(stage.stage is pp.picks.Stage.CHECK for stage in done["report"].verdicts[0].stages)
+    # a camera above the arm sees nothing of the tip
+    settings: dict[str, Any] = {"checks": [done["visible_from_camera"]], "budget": pp.picks.PickBudget(remedies=0)}
+    done["visible_from_camera"].__globals__["camera"] = np.array([0.35, 0.2, 2.0])
+    (verdict,) = pp.validate_picks(done["arm"], done["scene"], done["picks"][:1], **settings).verdicts
+    assert verdict.failed is pp.picks.Stage.CHECK
+    assert "hides the tip" in verdict.reason

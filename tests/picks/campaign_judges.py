@@ -8,7 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pinproof.picks import Pick, PickSetup
+import pinproof as pp
+from pinproof.picks import GraspCandidate, Pick, PickSetup, PickTask
 
 FLAG = "CAMPAIGN_TEST_FLAG"
 """The variable that names a file by which processes know what another has done."""
@@ -91,3 +92,24 @@ def waits_for_flag(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
     while index >= 60 and not Path(os.environ[FLAG]).exists():
         time.sleep(0.01)
     return slow(setup, index, pick)
+
+
+def elbow_up(task: PickTask, candidate: GraspCandidate) -> str | None:
+    """A check of configurations at the grasp."""
+    height = task.arm.frame_placement(candidate.q, "forearm_link").translation[2]
+    return None if height > 0.3 else f"the elbow is at {height:.2f} m"
+
+
+def never(task: PickTask, candidate: GraspCandidate) -> str | None:
+    return f"{task.pick.name} is not wanted"
+
+
+class Counting:
+    """RRT-Connect behind a foreign face; it counts its calls."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def plan(self, checker, start, goals, *, rng=0):
+        self.calls += 1
+        return pp.RrtConnect().plan(checker, start, goals, rng=rng)

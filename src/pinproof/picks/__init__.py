@@ -21,7 +21,7 @@ from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
 from pinproof.picks.judging.configurations import TURN
-from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
+from pinproof.picks.judging.grasp import GraspCandidate, PickCheck, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
@@ -61,7 +61,7 @@ __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
     "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Intercept", "LengthSuggestion", "Member",
-    "MotionPart", "NamedFrame", "Pick", "PickBudget", "PickCell", "PickGrid", "PickList", "PickMotion",
+    "MotionPart", "NamedFrame", "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion",
     "PickProblem", "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask",
     "PickVerdict", "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck",
     "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",

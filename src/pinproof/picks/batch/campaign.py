@@ -6,7 +6,6 @@ file are computed by the same version of the code, which is stated in the header
 
 from __future__ import annotations
 
-import inspect
 import json
 import pickle
 from collections import Counter
@@ -22,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Scene
-from pinproof.common.content_hash import code_here, digest
+from pinproof.common.content_hash import code_here
 from pinproof.common.files import os_errors, write_bytes_whole
 from pinproof.common.results import Rows, Shown, View, Written
 from pinproof.common.structs import COUNT, TEXT, Kind, key, mapping_to, reported, struct
@@ -35,7 +34,8 @@ from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.input.sources import PickList, PickSource, as_source
 from pinproof.picks.judging.conveyor import judge_on_conveyor, on_conveyor
-from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.grasp import PickCheck
+from pinproof.picks.judging.setup import PickSetup, describe_function
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict
 from pinproof.picks.report.report import PickReport, problem_row
 from pinproof.work import (
@@ -66,6 +66,7 @@ def validate_picks(
     in_flight: int = IN_FLIGHT,
     weights: PickWeights | None = None,
     budget: PickBudget | None = None,
+    checks: Iterable[PickCheck] = (),
     progress: Progress | None = None,
 ) -> PickReport:
     """Judge every pick in all stages, from reach to the timed and certified motion.
@@ -98,6 +99,10 @@ def validate_picks(
         The weights of the score by which complete motions are compared.
     budget
         The limits of the search for each pick.
+    checks
+        Further conditions of configurations at the grasp: functions ``check(task, candidate)`` that return why it
+        fails, or None (:class:`pinproof.picks.PickCheck`). If no configuration passes, the pick fails at the stage
+        ``check``, as not found; a motion that is found passes through a configuration that fulfils them.
     progress
         Called after each pick or chunk of picks with the number of picks that are judged, and the number of all picks.
 
@@ -117,7 +122,7 @@ def validate_picks(
             require_type(f"picks[{index}]", pick, Pick)
         picks = Picks(tuple(picks))
     # Each pick has its own stream of random numbers
-    setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
+    setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget, checks=checks)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
 
     def judged() -> Generator[tuple[int, PickVerdict], None, None]:
@@ -259,17 +264,6 @@ RETRY = "retry"
 """The key that marks rows whose picks the next run judges again, because a worker died or had no memory."""
 
 KILLED = "every worker process that judged this pick alone died"
-
-
-def describe_judge(judge: Callable[..., Any]) -> str:
-    """The name of a judge, followed by a hash of its source unless it is part of pinproof."""
-    name = f"{judge.__module__}.{judge.__qualname__}"
-    if judge.__module__.partition(".")[0] == "pinproof":
-        return name
-    try:
-        return f"{name} {digest(inspect.getsource(judge))}"
-    except (OSError, TypeError):  # without a source file, the name alone identifies it
-        return name
 
 
 Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
@@ -542,6 +536,8 @@ class Campaign:
     judge
         A function ``judge(setup, index, pick)`` that returns a row of plain values with the keys ``verdict`` and
         ``failed_at``. It must be importable by name. The default judges all stages.
+    checks
+        As for :func:`validate_picks`; each must be importable by name.
 
     Raises
     ------
@@ -558,10 +554,11 @@ class Campaign:
         home: npt.ArrayLike | None = None,
         rng: int = 0,
         judge: Judge = judge_row,
+        checks: Iterable[PickCheck] = (),
     ) -> None:
         require_integer("rng", rng, 0)
         self._picks = as_source(picks)
-        self._setup = PickSetup.make(arm, scene, self._picks.shared, home=home, rng=rng)
+        self._setup = PickSetup.make(arm, scene, self._picks.shared, home=home, rng=rng, checks=checks)
         self._judge = judge
 
     def __len__(self) -> int:
@@ -577,7 +574,7 @@ class Campaign:
                 "pinproof": code_here(),
                 **self._setup.identity(),
                 "picks": f"{len(self)} picks {self._picks.digest()}",
-                "judge": describe_judge(self._judge),
+                "judge": describe_function(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
             "notes": list(self._setup.not_covered(self._picks.with_object)),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -157,6 +157,18 @@ def _argument(name: str, value: Any) -> str:
 FOLDER = file_of("folder")
 
 
+def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
+    """The checks as a tuple; InputError if one cannot be called, or has no name by which reports refer to it."""
+    checks = tuple(value) if isinstance(value, Iterable) else (value,)
+    for check in checks:
+        if not callable(check) or not hasattr(check, "__qualname__"):
+            raise InputError(
+                f"{name} must be functions check(task, candidate) that return a reason, or None if the candidate "
+                f"passes; {check!r:.80} is no function"
+            )
+    return checks
+
+
 @struct(
     eq=False,
     repr=False,
@@ -286,6 +298,12 @@ class Picks(Shown):
     places: Mapping[str, str] = key(
         "positions in that file of the keys that name something of the robot, for messages",
         default_factory=dict,
+        hidden=True,
+    )
+    checks: Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = key(
+        "checks of configurations at the grasp, each a :class:`~pinproof.picks.PickCheck`",
+        default=(),
+        kind=simple({}, _checks),
         hidden=True,
     )
     robots: Mapping[str, CellRobot] = key(

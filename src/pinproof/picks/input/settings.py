@@ -16,7 +16,7 @@ from pinproof.collision import Mesh, Mover, Obstacle
 from pinproof.common.structs import TEXT, Accepting, Direction, Kind, Rule, key, list_of, simple, struct, table_of
 from pinproof.common.validation import unique_names
 from pinproof.description import COLOURED_SUFFIXES
-from pinproof.planning import DEFAULT_PLANNER, planner_of
+from pinproof.planning import DEFAULT_PLANNER, Planner, planner_of
 from pinproof.spatial import SE3
 
 CONVEYOR = "conveyor"
@@ -110,9 +110,11 @@ class PickBudget:
         default=12,
         minimum=0,
     )
-    planner: str = key(
-        "the planner of transits and transfers, as :func:`pinproof.planning.planner_of` names it",
+    planner: str | Planner = key(
+        "the planner of transits and transfers, as for :func:`pinproof.planning.planner_of`: a name, or an object with "
+        "the method ``plan``, which for workers in other processes can be pickled",
         default=DEFAULT_PLANNER,
+        kind=simple(TEXT.schema, lambda _, planner: planner),
     )
     motion: int = key(
         "number of evaluations by which :func:`~pinproof.optimise` shortens each transit and each transfer; with 0, "

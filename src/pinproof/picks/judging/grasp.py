@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pinproof.collision import Body, CheckResult, CollisionChecker, Contact, inner_shapes
 from pinproof.common.steps import step
 from pinproof.description import moved_by
+from pinproof.errors import InputError
 from pinproof.ik import AnalyticIk, BodyOverlap, Clik, ReachProof, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.motion import least_times
@@ -259,6 +260,17 @@ class GraspCandidate:
     manipulability: float
 
 
+class PickCheck(Protocol):
+    """A check of one's own: any function of a pick in its cell and of a configuration at its grasp.
+
+    It is called after all other stages at the grasp, for the best configurations first. For workers in other processes
+    it must be importable by name.
+    """
+
+    def __call__(self, task: PickTask, candidate: GraspCandidate, /) -> str | None:
+        """Why the configuration fails, in words; None if it passes."""
+
+
 class Screened(NamedTuple):
     """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
 
@@ -314,7 +326,30 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
     clearance = max(candidate.clearance for candidate in candidates)
     figures = {"free": float(free.sum()), "clearance": clearance}
     grasp = StageResult(Stage.GRASP, True, f"{count}, clearance up to {clearance * 1e3:.1f} mm", figures)
-    return Screened(tuple(candidates), (own, grasp, gripped.result))
+    stages = (own, grasp, gripped.result)
+    if not task.cell.shared.checks:
+        return Screened(tuple(candidates), stages)
+    # The checks of the user, each of which may exclude candidates
+    reasons = [_own_reason(task, candidate) for candidate in candidates]
+    passed = tuple(each for each, reason in zip(candidates, reasons, strict=True) if not reason)
+    names = ", ".join(check.__qualname__ for check in task.cell.shared.checks)
+    result = f"{names}: {len(passed)} of {len(candidates)} configurations pass"
+    message = result if passed else f"{reasons[0]}; none of {len(candidates)} configurations passes {names}"
+    return Screened(passed, (*stages, StageResult(Stage.CHECK, bool(passed), message)))
+
+
+def _own_reason(task: PickTask, candidate: GraspCandidate) -> str:
+    """The first reason of a check of the user, or an empty text."""
+    for check in task.cell.shared.checks:
+        reason = check(task, candidate)
+        if reason is not None and not isinstance(reason, str):
+            raise InputError(
+                f"the check {check.__qualname__} must return a reason as text, or None if the candidate passes, not "
+                f"{reason!r:.80}"
+            )
+        if reason:
+            return f"{check.__qualname__}: {reason}"
+    return ""
 
 
 def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: Reached) -> Screened:

@@ -433,6 +433,8 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judge
         return _search(task, group, screened.candidates, stages, tried, seeds)
     if screened.not_held:
         return _not_good(task, stages, tried, screened.refuted)
+    if stages[-1].stage is Stage.CHECK:  # a check of the user refutes the configurations that it saw, and no others
+        return _not_good(task, stages, tried)
     if stages[-1].stage is not Stage.GRIP:
         # A configuration may be in contact only between convex hulls of meshes, so finer bodies are used. All are
         # checked if they can prove that the pick is impossible, otherwise only the first ones

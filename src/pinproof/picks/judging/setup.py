@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import inspect
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -29,7 +30,7 @@ from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
-from pinproof.picks.judging.grasp import contact_words, judge_grip
+from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.task import PickCell, PickTask, torque_limits_of_tool
 from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
@@ -79,8 +80,11 @@ class PickSetup:
         rng: Rng,
         weights: PickWeights | None = None,
         budget: PickBudget | None = None,
+        checks: Iterable[PickCheck] = (),
     ) -> PickSetup:
         """Build and validate the setup; ``home`` is by default that of the picks, otherwise that of the arm.
+
+        ``checks`` are added to those of the picks.
 
         Raises
         ------
@@ -116,7 +120,7 @@ class PickSetup:
         seeds = seed_sequence(rng)
         return cls(
             checker,
-            replace(picks, picks=(), problems=()),
+            replace(picks, picks=(), problems=(), checks=(*picks.checks, *checks)),
             start,
             seeds,
             seeds.n_children_spawned,
@@ -311,7 +315,19 @@ class PickSetup:
             "straight": self.shared.straight,
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
+            **({"checks": [describe_function(check) for check in self.shared.checks]} if self.shared.checks else {}),
         }
+
+
+def describe_function(function: Callable[..., Any]) -> str:
+    """The name of a function, followed by a hash of its source unless it is part of pinproof."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    if function.__module__.partition(".")[0] == "pinproof":
+        return name
+    try:
+        return f"{name} {digest(inspect.getsource(function))}"
+    except (OSError, TypeError):  # without a source file, the name alone identifies it
+        return name
 
 
 def check_held_joints(arm: Arm, picks: Picks) -> None:

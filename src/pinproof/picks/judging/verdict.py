@@ -54,6 +54,7 @@ class Stage(Enum):
     SELF = "self-collision"
     GRASP = "grasp"
     GRIP = "grip"
+    CHECK = "check"
     APPROACH = "approach"
     RETREAT = "retreat"
     TRANSIT = "transit"

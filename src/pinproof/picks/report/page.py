@@ -90,13 +90,14 @@ def write_page(
     scene: Scene | None = None,
     picks: Picks | None = None,
     title: str | None = None,
+    columns: Mapping[str, Sequence[object]] | None = None,
 ) -> None:
     """Write the page of a report or of a campaign, completely or not at all.
 
     The arm, the scene, and the tool and home that the picks share are by default those of the setup with which the
     picks were judged. ``counts`` are the numbers of rows with each verdict, ``summary`` is a line on all rows,
     ``notes`` state what the verdicts do not cover, and ``source`` the origin of the acceleration limits. The default of
-    the title is the name of the robot.
+    the title is the name of the robot. ``columns`` are further columns of the table, with a value for each row.
 
     Raises
     ------
@@ -143,12 +144,14 @@ def write_page(
         remarks.append(f"The stages and parts of {shortened:,} rows {reason}")
     # The table
     cells = []
-    for values, _ in shown:
+    columns = columns or {}
+    for k, (values, _) in enumerate(shown):
         why = escape(values.get("reason", ""))
         if values.get("remedy"):
             why += f'<span class="try">Suggestion: {escape(values["remedy"])}</span>'
         figures = (_proven_text(values), _seconds(values.get("duration")))
-        cells.append((values["name"], values["verdict"], values.get("failed_at") or "", *figures, Html(why)))
+        own = ("" if texts[k] is None else str(texts[k]) for texts in columns.values())
+        cells.append((values["name"], values["verdict"], values.get("failed_at") or "", *figures, Html(why), *own))
     kinds = [values["verdict"] for values, _ in shown]
     colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
     options = "".join(
@@ -162,7 +165,9 @@ def write_page(
         "picks",
         card
         + panels.table(
-            "below", Rows(COLUMNS, cells, numbers=("Clearance", "Duration"), colours=colours), [*remarks, *stage.notes]
+            "below",
+            Rows((*COLUMNS, *columns), cells, numbers=("Clearance", "Duration"), colours=colours),
+            [*remarks, *stage.notes],
         ),
         settings,
         commands,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
@@ -25,6 +27,10 @@ def problem_row(problem: PickProblem) -> dict[str, Any]:
     """A row of the picks file that could not be read, as plain values for JSON."""
     judged = {"verdict": PickStatus.UNREADABLE.value, "failed_at": Stage.INPUT.value}
     return {"name": problem.name, **judged, "reason": problem.reason, "row": problem.row}
+
+
+Column: TypeAlias = Callable[[PickVerdict], object]
+"""A column of a report: its value for a verdict."""
 
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason", "remedy")
@@ -74,18 +80,45 @@ class PickReport(Saved, Written):
         "number of picks without a verdict, because the run was interrupted", default=0, minimum=0, added=True
     )
 
+    columns: Mapping[str, Column] = key(
+        "further columns of the table, of the CSV and of the page: a function of the verdict for each name",
+        default_factory=dict,
+        hidden=True,
+    )
+
     formats = (".json", ".md", ".csv", ".html")
     indent = 2
+
+    def with_columns(self, columns: Mapping[str, Column]) -> PickReport:
+        """The same report with further columns, such as ``{"area": lambda verdict: ...}``.
+
+        A cell is the value as text; it is empty where the function returns None, and for rows that could not be read.
+
+        Raises
+        ------
+        InputError
+            If a name is in use, or the value for it is not a function.
+        """
+        for name, column in columns.items():
+            if name in (*COLUMNS, *CSV_COLUMNS) or not callable(column):
+                reason = "is in use" if callable(column) else f"needs a function of the verdict, not {column!r:.80}"
+                raise InputError(f"the name {name!r} of a column {reason}")
+        return replace(self, columns={**self.columns, **columns})
+
+    def _own_cells(self, verdict: PickVerdict | None) -> tuple[object, ...]:
+        """The values of the further columns."""
+        return tuple(None if verdict is None else column(verdict) for column in self.columns.values())
 
     def _view(self) -> View:
         rows = self.rows()
         lines = (
-            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason)))
-            for name, verdict, stage, clearance, duration, reason, _ in rows
+            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason, *own)))
+            for name, verdict, stage, clearance, duration, reason, _, *texts in rows
+            for own in ([f"{column} {text}" for column, text in zip(self.columns, texts, strict=True) if text],)
         )
         notes = [f"not covered: {note}" for note in self.notes]
         notes.append(self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}")
-        table = Rows(COLUMNS, rows, colours=[theme.VERDICTS[row[1]] for row in rows])
+        table = Rows((*COLUMNS, *self.columns), rows, colours=[theme.VERDICTS[row[1]] for row in rows])
         return View(f"{self.robot}: {self.summary}", [table, notes], lines, len(rows))
 
     @property
@@ -117,26 +150,32 @@ class PickReport(Saved, Written):
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "") + left
 
     def rows(self) -> list[tuple[str, ...]]:
-        """The rows of the table with the columns :data:`COLUMNS`; unreadable rows are last."""
+        """The rows of the table with the columns :data:`COLUMNS` and those of the user; unreadable rows are last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
             clearance = proven_millimetres(verdict.clearance) if verdict.motions else ""
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
             first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
-            table.append((*first, verdict.reason, verdict.remedy))
-        table.extend((problem.name, "unreadable", "input", "", "", problem.reason, "") for problem in self.problems)
+            own = ("" if value is None else str(value) for value in self._own_cells(verdict))
+            table.append((*first, verdict.reason, verdict.remedy, *own))
+        empty = ("",) * len(self.columns)
+        table.extend(
+            (problem.name, "unreadable", "input", "", "", problem.reason, "", *empty) for problem in self.problems
+        )
         return table
 
     def to_markdown(self) -> str:
         """The summary and the table in Markdown."""
         source = self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}"
         notes = ("Not covered:", self.notes) if self.notes else ()
-        return markdown(f"**{self.robot}**: {self.summary}", Rows(COLUMNS, self.rows()), source, *notes)
+        return markdown(
+            f"**{self.robot}**: {self.summary}", Rows((*COLUMNS, *self.columns), self.rows()), source, *notes
+        )
 
     def to_csv(self) -> str:
         """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
-        return csv_text(CSV_COLUMNS, self._cells())
+        return csv_text((*CSV_COLUMNS, *self.columns), self._cells())
 
     def to_pandas(self) -> Any:
         """The table of :meth:`to_csv` as a ``pandas.DataFrame`` with a row for each pick.
@@ -150,12 +189,14 @@ class PickReport(Saved, Written):
             pandas = import_module("pandas")
         except ImportError as error:
             raise InputError("to_pandas requires pandas: pip install pandas") from error
-        return pandas.DataFrame(self._cells(), columns=list(CSV_COLUMNS))
+        return pandas.DataFrame(self._cells(), columns=[*CSV_COLUMNS, *self.columns])
 
     def _cells(self) -> list[list[Any]]:
-        """The cells of the columns :data:`CSV_COLUMNS`; None where there is no value."""
+        """The cells of the columns :data:`CSV_COLUMNS` and those of the user; None where there is no value."""
         table = []
-        for row in (*(verdict.to_dict() for verdict in self.verdicts), *map(problem_row, self.problems)):
+        rows = [(verdict.to_dict(), self._own_cells(verdict)) for verdict in self.verdicts]
+        rows += [(problem_row(problem), self._own_cells(None)) for problem in self.problems]
+        for row, own in rows:
             score = row.get("score", {})
             cells = {
                 **row,
@@ -165,7 +206,7 @@ class PickReport(Saved, Written):
                 "motions": " ".join(motion["name"] for motion in row.get("motions", ())),
                 "refuted": "\n".join(row.get("refuted", ())),
             }
-            table.append([cells.get(column) for column in CSV_COLUMNS])
+            table.append([*(cells.get(column) for column in CSV_COLUMNS), *own])
         return table
 
     def save(
@@ -209,6 +250,8 @@ class PickReport(Saved, Written):
         rows: list[PageRow] = [(verdict.to_dict(), verdict) for verdict in self.verdicts]
         rows += [(problem_row(problem), None) for problem in self.problems]
         counts = Counter(values["verdict"] for values, _ in rows)
+        own = [self._own_cells(verdict) for _, verdict in rows]
+        settings |= {"columns": {name: [cells[k] for cells in own] for k, name in enumerate(self.columns)}}
         settings |= {"summary": self.summary, "notes": self.notes, "source": self.acceleration_source}
         write_page(path, rows, counts, self.setup, **settings)
 

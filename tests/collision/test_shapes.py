@@ -629,6 +629,21 @@ def test_a_shape_of_a_support_mapping_contains_the_body_and_is_within_the_error(
     assert shape.radius <= error + 1e-8
 
 
+def test_a_body_that_reaches_the_point_where_planes_meet_is_inside_too() -> None:
+    """The farthest points along the axes are the centres of the faces of a cube, and nothing is asked beyond."""
+    asked = []
+
+    def farthest(d):
+        asked.append(d)
+        return 0.1 * np.sign(d)
+
+    shape = pp.ConvexShape.from_support(farthest, error=0.12)
+    assert len(asked) == 6
+    corner = np.ones(3) / np.sqrt(3)
+    assert (shape.points @ corner).max() + shape.radius >= 0.1 * np.sqrt(3)
+    assert shape.radius == pytest.approx(0.2 / np.sqrt(3), abs=1e-6)
+
+
 def test_a_body_of_few_points_has_no_more_points() -> None:
     shape = pp.ConvexShape.from_support(of_points(CUBE), error=1e-3)
     assert {tuple(point) for point in shape.points.tolist()} == {tuple(point) for point in CUBE.tolist()}

@@ -71,6 +71,42 @@ def test_the_optimum_is_that_of_a_general_optimiser(panda) -> None:
     assert posture(wanted)(found.q) <= other.fun + 1e-6
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_at_limits_are_held_and_the_others_improve(panda, seed: int) -> None:
+    """The tip has a place only, so that four joints are free; the posture is beyond the limits of half of them."""
+    rng = np.random.default_rng(seed)
+    lower, upper = panda.limits.lower, panda.limits.upper
+    q0 = rng.uniform(0.7 * lower + 0.3 * upper, 0.3 * lower + 0.7 * upper)
+    cost = posture(np.where(rng.random(panda.dof) < 0.5, upper + 0.5, (lower + upper) / 2))
+    target = panda.forward_kinematics(q0)
+    found = pp.Clik().solve(panda, target, q0, task="position", goal=cost).or_raise()
+    assert not panda.limits.violations(found.q, panda.joint_names)
+
+    def error(q: np.ndarray) -> np.ndarray:
+        return panda.forward_kinematics(q).translation - target.translation
+
+    other = minimize(
+        cost,
+        found.q,
+        constraints={"type": "eq", "fun": error},
+        bounds=list(zip(lower, upper, strict=True)),
+        method="SLSQP",
+    )
+    assert cost(found.q) <= other.fun + 1e-2 * abs(cost(q0) - other.fun)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_result_is_never_worse_than_the_first_solution_even_of_a_cost_without_slopes(panda, seed: int) -> None:
+    q0 = panda.home + 0.3 * np.random.default_rng(seed).normal(size=7)
+    target = panda.forward_kinematics(np.clip(q0 + 0.1, panda.limits.lower, panda.limits.upper))
+
+    def noise(q: np.ndarray) -> float:
+        return float(np.sin(1e5 * q).sum())
+
+    plain = pp.Clik(engine="pinocchio").solve(panda, target, q0).or_raise()
+    assert noise(pp.Clik().solve(panda, target, q0, goal=noise).or_raise().q) <= noise(plain.q)
+
+
 def test_weighted_costs_are_traded_by_their_weights(panda) -> None:
     q0 = panda.home
     target = panda.forward_kinematics(q0)

@@ -167,9 +167,6 @@ class _SingularStep:
     def __init__(self, cutoff: float, damping: float, region: float) -> None:
         self._cutoff, self._damping, self._region = cutoff, damping, region
 
-    def observe(self, here: DescentState) -> None:
-        """Do nothing: the step depends on the residual and the Jacobian only."""
-
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         # rows that the task does not select and columns of held joints are zero, and reduce the rank
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)

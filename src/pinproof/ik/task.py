@@ -303,29 +303,22 @@ class CostGoal:
     def step(self, arm: Arm, q: Array, jacobian: Array) -> Array:
         """The step (n,) at q, along which the task with this Jacobian (6, n) does not change to first order.
 
-        Slopes and curvatures along a basis of the null space are central differences. A joint at a limit through which
-        the step would leave the range is held.
+        Slopes and curvatures along a basis of the null space are central differences.
         """
-        held, now = np.zeros(arm.dof, dtype=bool), self.cost(q)
-        while True:
-            basis = null_space(np.concatenate([jacobian, np.eye(arm.dof)[held]]))
-            k = basis.shape[1]
-            if k == 0:
-                return np.zeros(arm.dof)
-            shifts = COST_STEP * basis.T
-            ahead, behind = (np.array([self.cost(q + sign * shift) for shift in shifts]) for sign in (1.0, -1.0))
-            slope, curvature = (ahead - behind) / (2 * COST_STEP), np.diag(ahead + behind - 2 * now)
-            for i, j in combinations(range(k), 2):
-                both = self.cost(q + shifts[i] + shifts[j]) + self.cost(q - shifts[i] - shifts[j])
-                curvature[i, j] = curvature[j, i] = (both - ahead[i] - ahead[j] - behind[i] - behind[j] + 2 * now) / 2
-            # Newton's step, with the curvatures made positive so that it leads downwards.
-            values, axes = np.linalg.eigh(curvature / COST_STEP**2)
-            values = np.maximum(np.abs(values), max(FLATTEST * float(np.abs(values).max()), TINY))
-            step = -basis @ (axes @ ((axes.T @ slope) / values))
-            leaves = ((q <= arm.limits.lower) & (step < 0)) | ((q >= arm.limits.upper) & (step > 0))
-            if not (leaves & ~held).any():
-                break
-            held = held | leaves
+        basis, now = null_space(jacobian), self.cost(q)
+        k = basis.shape[1]
+        if k == 0:
+            return np.zeros(arm.dof)
+        shifts = COST_STEP * basis.T
+        ahead, behind = (np.array([self.cost(q + sign * shift) for shift in shifts]) for sign in (1.0, -1.0))
+        slope, curvature = (ahead - behind) / (2 * COST_STEP), np.diag(ahead + behind - 2 * now)
+        for i, j in combinations(range(k), 2):
+            both = self.cost(q + shifts[i] + shifts[j]) + self.cost(q - shifts[i] - shifts[j])
+            curvature[i, j] = curvature[j, i] = (both - ahead[i] - ahead[j] - behind[i] - behind[j] + 2 * now) / 2
+        # Newton's step, with the curvatures made positive so that it leads downwards.
+        values, axes = np.linalg.eigh(curvature / COST_STEP**2)
+        values = np.maximum(np.abs(values), max(FLATTEST * float(np.abs(values).max()), TINY))
+        step = -basis @ (axes @ ((axes.T @ slope) / values))
         step *= min(1.0, LONGEST_GOAL_STEP / max(float(np.abs(step).max()), TINY))
         for _ in range(MOST_HALVINGS):
             if self.cost(q + step) < now:

@@ -51,10 +51,7 @@ class TimedCurvePart(CurvePart):
     def of_spline(cls, spline: Any, joint_names: tuple[str, ...]) -> TimedCurvePart | None:
         """The curve of a ``BSpline``, ``PPoly`` (``CubicSpline``, ...) or ``BPoly`` of SciPy, else None.
 
-        Raises
-        ------
-        InputError
-            If it has another number of joints, is complex or not finite, or jumps at a knot.
+        InputError if it has another number of joints, is complex or not finite, or jumps at a knot.
         """
         if not hasattr(spline, "c"):  # then SciPy is not imported, which takes longer than most proofs
             return None

@@ -260,14 +260,17 @@ def plan(
         If a shape is wrong, a number is not finite, a setting is invalid, or the planner does not support the task.
     """
     require_type("checker", checker, CollisionChecker)
-    if isinstance(limits, JointLimits):  # also of the positions; the certificate proves them
-        checker = checker.with_spec(replace(checker.spec, arm=checker.group.with_limits(limits)))
-    group, search = checker.group, planner_of(planner)
+    group, search, solved = checker.group, planner_of(planner), checker
     first = group.configuration(start, "start")
+    if isinstance(limits, JointLimits):  # also of the positions; the certificate proves them
+        checker = checker.with_spec(replace(checker.spec, arm=group.with_limits(limits)))
+        # What is known of the IK of an arm is kept for it; the solutions depend on the limits of position only
+        same = np.array_equal([limits.lower, limits.upper], [group.limits.lower, group.limits.upper])
+        group, solved = checker.group, solved if same else checker
     bounds = Bounds.of(group.limits if limits is None else limits, group.joint_names, jerk)
     task: dict[str, Any] = {"constraints": constraints, "torque_limits": _torques(rate_limits)}
     # A path to one of the goals
-    goals = read_goals(checker, first, goal, rng)
+    goals = read_goals(solved, first, goal, rng)
     planned, goals, tried = _path(search, checker, first, goals, bounds, {**task, "rng": rng})
     given: dict[str, Any] = {"limits": limits, "jerk": jerk, "rate_limits": tuple(rate_limits), "budget": budget}
     result = MotionPlan(planned.status, planned, first, goals.q, goals.poses, **given)

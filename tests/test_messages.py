@@ -87,6 +87,12 @@ def motion_above_plate() -> tuple[pp.JointPath, pp.CollisionChecker]:
     return path, checker(pp.Obstacle("plate", pp.Box(0.4, 1.0, 0.1), pp.pose(below)))
 
 
+def plan_to_pose(x: float) -> object:
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.55, 0, 0.5)))
+    start = [-1.0, -1.2, 1.2, -1.57, -1.57, 0.0]
+    return pp.plan(pp.CollisionChecker(ur5(), pp.Scene([post])), start, pp.pose((x, 0, 0.3), (np.pi, 0, 0))).or_raise()
+
+
 def plan_with_two_nodes() -> object:
     path, judge = motion_through_sheet()
     return pp.RrtConnect(max_nodes=2, max_samples=2).plan(judge, path.q[0], [path.q[1]]).or_raise()
@@ -135,6 +141,8 @@ MESSAGES: dict[str, Callable[[], object]] = {
     "motion undecided": lambda: pp.certify(*motion_above_plate(), max_intervals=1).or_raise(),
     "joints of another arm": lambda: pp.certify(pp.JointPath([[0.0], [1.0]], ("turn",)), checker()),
     "start in collision": plan_from_contact,
+    "goal pose in contact": lambda: plan_to_pose(0.55),
+    "goal pose out of reach": lambda: plan_to_pose(1.4),
     "no path": plan_with_two_nodes,
     "no jerk limits": lambda: pp.time_parametrise(motion_through_sheet()[0], ur5().limits, jerk="limits"),
     "positions only": lambda: pp.Trajectory.load(write("motion.json", POSITIONS_ONLY), ("turn",)),

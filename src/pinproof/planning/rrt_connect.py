@@ -59,7 +59,7 @@ SAMPLES_PER_CALL = 2000
 # other tree.
 SEPARATION = 0.05
 
-OTHER_TURNS = "a goal shifted by 2 pi may be reachable: plan with turns=True"
+OTHER_TURNS = "a goal shifted by 2 pi may be reachable: plan to its pose, or call RrtConnect().plan with turns=True"
 
 # Seconds between two calls of the progress callback while the searches run in an executor.
 PROGRESS_INTERVAL = 0.1

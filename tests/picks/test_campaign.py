@@ -17,10 +17,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.common import content_hash
+from pinproof.common.content_hash import describe_code
 from pinproof.errors import CampaignError, FileError, InputError
 from pinproof.picks.batch.campaign import RowTask, judge_row
 from pinproof.picks.input.picks import PickProblem
-from pinproof.picks.judging.setup import describe_function
 from pinproof.work import JOURNAL, Journal
 
 from ..pages import PROGRAM, ROOT, blocks, commands, reader_folder, run_command, run_program
@@ -340,8 +340,8 @@ def test_a_worker_with_other_code_refuses_the_task(stick, many, monkeypatch) -> 
 
 
 def test_a_custom_judge_is_identified_by_its_source(judges) -> None:
-    assert describe_function(judge_row) == "pinproof.picks.batch.campaign.judge_row"
-    echo, slow = describe_function(judges.echo), describe_function(judges.slow)
+    assert describe_code(judge_row) == "pinproof.picks.batch.campaign.judge_row"
+    echo, slow = describe_code(judges.echo), describe_code(judges.slow)
     assert echo.startswith("campaign_judges.echo ")
     assert echo.split()[1] != slow.split()[1]
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 import pinproof as pp
+from pinproof.common.content_hash import digest
 from pinproof.errors import InputError
 from pinproof.picks import PickBudget, PickStatus, Stage
 
@@ -97,6 +98,24 @@ def test_an_own_planner_plans_the_transits_of_picks(cell, judges) -> None:
         arm, scene, picks, budget=PickBudget(compared=1, remedies=0, planner="campaign_judges:Counting")
     )
     assert named.to_json() == judged.to_json()
+
+
+def test_an_own_planner_plans_the_transits_of_a_sequence(cell, judges) -> None:
+    arm, scene, picks = cell
+    planner = judges.Counting()
+    setup = pp.picks.PickSetup.make(
+        arm, scene, picks, home=None, rng=0, budget=PickBudget(planner=planner), checks=[judges.elbow_up]
+    )
+    result = pp.sequence(setup, picks, budget=pp.cell.SequenceBudget(refinements=0, motion=0))
+    assert result.ok
+    assert planner.calls >= 1
+
+
+def test_the_identity_of_checks_and_planners_is_their_code(judges) -> None:
+    one, same, other = (PickBudget(planner=judges.Counting()) for _ in range(3))
+    other.planner.calls = 1
+    assert digest(one) == digest(same) != digest(other)
+    assert digest(judges.never) != digest(judges.elbow_up)
 
 
 def test_what_is_no_planner_is_refused_with_what_is_missing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 import uuid
@@ -28,6 +29,9 @@ LENGTH = 16
 
 def digest(value: object) -> str:
     """Hash numbers, strings, arrays, transforms, dataclasses, and lists, tuples and mappings of these.
+
+    Functions, and objects with attributes such as a planner of another program, are hashed by their code, and these by
+    their attributes too.
 
     Pickles are not suitable for this purpose, because equal values may have different pickles.
 
@@ -69,8 +73,23 @@ def _update(into: Any, value: object) -> None:
         into.update(b"[%d" % len(value))
         for each in value:
             _update(into, each)
+    elif hasattr(value, "__qualname__"):
+        _update(into, describe_code(value))
+    elif hasattr(value, "__dict__"):
+        _update(into, (type(value), vars(value)))
     else:
         raise TypeError(f"cannot hash a {type(value).__name__}")
+
+
+def describe_code(code: Any) -> str:
+    """The name of a function or a class, followed by a hash of its source unless it is part of pinproof."""
+    name = f"{code.__module__}.{code.__qualname__}"
+    if code.__module__.partition(".")[0] == "pinproof":
+        return name
+    try:
+        return f"{name} {digest(inspect.getsource(code))}"
+    except (OSError, TypeError):  # without a source file, the name alone identifies it
+        return name
 
 
 PACKAGE = Path(__file__).parents[1]

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Scene
-from pinproof.common.content_hash import code_here
+from pinproof.common.content_hash import code_here, describe_code
 from pinproof.common.files import os_errors, write_bytes_whole
 from pinproof.common.results import Rows, Shown, View, Written
 from pinproof.common.structs import COUNT, TEXT, Kind, key, mapping_to, reported, struct
@@ -35,7 +35,7 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.input.sources import PickList, PickSource, as_source
 from pinproof.picks.judging.conveyor import judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import PickCheck
-from pinproof.picks.judging.setup import PickSetup, describe_function
+from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict
 from pinproof.picks.report.report import PickReport, problem_row
 from pinproof.work import (
@@ -574,7 +574,7 @@ class Campaign:
                 "pinproof": code_here(),
                 **self._setup.identity(),
                 "picks": f"{len(self)} picks {self._picks.digest()}",
-                "judge": describe_function(self._judge),
+                "judge": describe_code(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
             "notes": list(self._setup.not_covered(self._picks.with_object)),

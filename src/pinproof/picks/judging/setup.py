@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +19,7 @@ from pinproof.collision import (
     files_examined_once,
     overlap_hint,
 )
-from pinproof.common.content_hash import digest
+from pinproof.common.content_hash import describe_code, digest
 from pinproof.common.results import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
 from pinproof.description import GENERATED_BODIES, has_generated_bodies, moved_by
@@ -315,19 +314,8 @@ class PickSetup:
             "straight": self.shared.straight,
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
-            **({"checks": [describe_function(check) for check in self.shared.checks]} if self.shared.checks else {}),
+            **({"checks": [describe_code(check) for check in self.shared.checks]} if self.shared.checks else {}),
         }
-
-
-def describe_function(function: Callable[..., Any]) -> str:
-    """The name of a function, followed by a hash of its source unless it is part of pinproof."""
-    name = f"{function.__module__}.{function.__qualname__}"
-    if function.__module__.partition(".")[0] == "pinproof":
-        return name
-    try:
-        return f"{name} {digest(inspect.getsource(function))}"
-    except (OSError, TypeError):  # without a source file, the name alone identifies it
-        return name
 
 
 def check_held_joints(arm: Arm, picks: Picks) -> None:

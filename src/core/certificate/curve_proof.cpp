@@ -219,7 +219,7 @@ void CurveProof::find_contact(Summary& sum) {
     for (int body : world_.table->around)
         for (int row = 0; row < static_cast<int>(space.obstacles->nodes.size());) {
             const ObstacleNode& node = space.obstacles->nodes[row];
-            const double gap = ball_to_node(bodies_[body].centre, space.shape(body).ball, node);
+            const double gap = norm(beyond_box(bodies_[body].centre, node.low, node.high)) - space.shape(body).ball;
             const bool beyond = gap > world_.widest_margin + space.rounding;
             row = beyond ? node.skip : row + 1;
             if (beyond || node.obstacle < 0) continue;

@@ -21,15 +21,16 @@ inline Vec3 beyond_box(const Vec3& point, const Vec3& low, const Vec3& high) {
     return {out(point.x, low.x, high.x), out(point.y, low.y, high.y), out(point.z, low.z, high.z)};
 }
 
-// The distance of a box and a point at `offset` from its centre, in the frame of the box.
-inline double point_to_box(const Vec3& offset, const Vec3& half) {
+// The square of the distance of a box and a point at `offset` from its centre, in the frame of the box.
+inline double squared_point_to_box(const Vec3& offset, const Vec3& half) {
     double total = 0.0;
     for (int i = 0; i < 3; ++i) {
         const double out = std::max(std::abs(offset[i]) - half[i], 0.0);
         total += out * out;
     }
-    return std::sqrt(total);
+    return total;
 }
+inline double point_to_box(const Vec3& offset, const Vec3& half) { return std::sqrt(squared_point_to_box(offset, half)); }
 
 // The largest gap of two boxes along the six normals of their faces; `offset` is the centre of b in the frame of a.
 // Sides without end give no gap: comparisons with NaN are false.

@@ -9,21 +9,29 @@
 namespace pinproof {
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
                             double enough, std::optional<Transform>& a_from_b) {
+    // Roots are computed only where the bound is returned.
+    const auto exceeds = [](double squared, double reach) { return squared > reach * reach; };
     const Vec3 between = b.centre - a.centre;
-    double gap = norm(between) - shape_a.ball - shape_b.ball;
-    if (gap > enough) return gap;
+    const double of_balls = squared_norm(between), balls = shape_a.ball + shape_b.ball;
+    if (exceeds(of_balls, balls + enough)) return std::sqrt(of_balls) - balls;
     const Vec3 offset = transposed_times(a.root_from_body.rotation, between);
-    gap = std::max(gap, point_to_box(offset, shape_a.half) - shape_b.ball);
-    if (gap > enough) return gap;
+    const double to_a = squared_point_to_box(offset, shape_a.half);
+    if (exceeds(to_a, shape_b.ball + enough)) return std::sqrt(to_a) - shape_b.ball;
     const Vec3 offset_b = transposed_times(b.root_from_body.rotation, between);
-    gap = std::max(gap, point_to_box(offset_b, shape_b.half) - shape_a.ball);
-    if (gap > enough) return gap;
+    const double to_b = squared_point_to_box(offset_b, shape_b.half);
+    if (exceeds(to_b, shape_a.ball + enough)) return std::sqrt(to_b) - shape_a.ball;
     a_from_b = relative(a.root_from_body, b.root_from_body);
-    return std::max(gap, gap_of_faces(a_from_b->rotation, offset, shape_a.half, shape_b.half));
+    const double faces = gap_of_faces(a_from_b->rotation, offset, shape_a.half, shape_b.half);
+    if (faces > enough) return faces;
+    return std::max({std::sqrt(of_balls) - balls, std::sqrt(to_a) - shape_b.ball, std::sqrt(to_b) - shape_a.ball, faces});
 }
 
 Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(world)), bodies_(world_->space()) {
     likely_.fill(-1);
+    for (int k : world_->own) {
+        const Pair& pair = world_->pair(k);
+        own_.push_back({pair.a, pair.b, world_->shape(pair.a).ball + world_->shape(pair.b).ball});
+    }
     const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
     if (nodes.size() > 2 * kMostInRow) return;  // leaves are half of the nodes
     for (std::size_t row = 0, i = 0; row < nodes.size(); ++row) {
@@ -36,12 +44,16 @@ Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(worl
     }
 }
 
-// Pass the obstacles, with lower bounds (m) of their distance from a body, to `visit(gap, obstacle)`, until it returns
-// true; `visit(gap, -1)` states whether nothing within a node of the tree at that distance is to be visited.
-template <class Visit>
-bool Workspace::visit_obstacles(int body, Visit visit) const {
+// Pass the obstacles whose boxes are within `limit()` (m) of the ball of a body to `visit(obstacle)`, until it returns
+// true.
+template <class Limit, class Visit>
+bool Workspace::visit_obstacles(int body, Limit limit, Visit visit) const {
     const Vec3 centre = bodies_[body].centre;
     const double ball = world_->shape(body).ball;
+    const auto squared_reach = [&] {
+        const double reach = ball + limit();
+        return reach * reach;
+    };
     for (const FourBoxes& boxes : four_) {
         Lanes total = {};
         const auto add = [&](double x, Lanes low, Lanes high) {
@@ -51,18 +63,17 @@ bool Workspace::visit_obstacles(int body, Visit visit) const {
         add(centre.x, boxes.low.x, boxes.high.x);
         add(centre.y, boxes.low.y, boxes.high.y);
         add(centre.z, boxes.low.z, boxes.high.z);
-        const Lanes gap = lanes_sqrt(total) - ball;
+        if (!any(~(total > squared_reach()))) continue;
         for (int lane = 0; lane < kLanes && boxes.obstacles[lane] >= 0; ++lane)
-            if (!visit(gap[lane], -1) && visit(gap[lane], boxes.obstacles[lane])) return true;
+            if (!(total[lane] > squared_reach()) && visit(boxes.obstacles[lane])) return true;
     }
     if (!four_.empty()) return false;
     const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
     for (std::size_t row = 0; row < nodes.size();) {
         const ObstacleNode& node = nodes[row];
-        const double gap = ball_to_node(centre, ball, node);
-        const bool beyond = visit(gap, -1);
+        const bool beyond = squared_norm(beyond_box(centre, node.low, node.high)) > squared_reach();
         row = beyond ? static_cast<std::size_t>(node.skip) : row + 1;
-        if (!beyond && node.obstacle >= 0 && visit(gap, node.obstacle)) return true;
+        if (!beyond && node.obstacle >= 0 && visit(node.obstacle)) return true;
     }
     return false;
 }
@@ -130,47 +141,45 @@ bool Workspace::ask(Question& question) {
     const Geometry& space = world.space();
     contacts_.clear();
     std::optional<Transform> a_from_b;
-    const auto decided = [&](int a, int b, double limit) {
-        // Most pairs are decided by their balls, without a root.
-        const Shape &shape_a = space.shape(a), &shape_b = space.shape(b);
-        const PlacedBody &at_a = bodies_[a], &at_b = bodies_[b];
-        const double reach = shape_a.ball + shape_b.ball + limit;
-        if (squared_norm(at_b.centre - at_a.centre) > reach * reach) return true;
+    const auto answers = [&](int k, double limit) {
+        const Pair& pair = world.pair(k);
+        const Shape &a = space.shape(pair.a), &b = space.shape(pair.b);
         a_from_b.reset();
-        return separation_of_bounds(at_a, shape_a, at_b, shape_b, limit, a_from_b) > limit;
+        return !(separation_of_bounds(bodies_[pair.a], a, bodies_[pair.b], b, limit, a_from_b) > limit) &&
+               judge(k, a_from_b, question);
     };
     if constexpr (Question::kStopsAtContact) {
         for (std::size_t i = 0; i < kLikely; ++i) {
             const int k = likely_[i];
-            if (k < 0) continue;
-            const Pair& pair = world.pair(k);
-            if (!decided(pair.a, pair.b, question.limit(world, k)) && judge(k, a_from_b, question)) {
-                if (i > 0) std::swap(likely_[i], likely_[i - 1]);  // Pairs often in contact move to the front.
-                return true;
-            }
+            if (k < 0 || !answers(k, question.limit(world, k))) continue;
+            if (i > 0) std::swap(likely_[i], likely_[i - 1]);  // Pairs often in contact move to the front.
+            return true;
         }
     }
+    // Whether an answer is found by a pair that was not asked already.
+    const auto answers_now = [&](int k, double limit) {
+        if constexpr (Question::kStopsAtContact)
+            if (std::ranges::find(likely_, k) != likely_.end()) return false;
+        if (!answers(k, limit)) return false;
+        likely_[kLikely - 1] = k;
+        return true;
+    };
     if (world.uses_obstacles) {
-        const int robot = static_cast<int>(space.robot.size());
         for (int body : world.table->around) {
-            const bool answered = visit_obstacles(body, [&](double gap, int obstacle) {
-                const double limit = question.limit_around(world);
-                if (obstacle < 0) return gap > limit;
+            const auto limit = [&] { return question.limit_around(world); };
+            const bool answered = visit_obstacles(body, limit, [&](int obstacle) {
                 const int k = world.pair_with_obstacle(body, obstacle);
-                if (k < 0 || decided(body, robot + obstacle, limit) || !judge(k, a_from_b, question)) return false;
-                likely_[kLikely - 1] = k;
-                return true;
+                return k >= 0 && answers_now(k, limit());
             });
             if (answered) return true;
         }
     }
-    for (int k : world.own) {
-        const Pair& pair = world.pair(k);
-        if (decided(pair.a, pair.b, question.limit(world, k))) continue;
-        if (judge(k, a_from_b, question)) {
-            likely_[kLikely - 1] = k;
-            return true;
-        }
+    for (std::size_t i = 0; i < world.own.size(); ++i) {
+        // Most pairs are decided by their balls, without a root.
+        const auto [a, b, balls] = own_[i];
+        const double limit = question.limit(world, world.own[i]), reach = balls + limit;
+        if (squared_norm(bodies_[b].centre - bodies_[a].centre) > reach * reach) continue;
+        if (answers_now(world.own[i], limit)) return true;
     }
     return false;
 }

@@ -21,17 +21,6 @@ namespace pinproof {
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
                             double enough, std::optional<Transform>& a_from_b);
 
-// The distance (m) of a ball and the box of a node; 0 or less if they intersect.
-inline double ball_to_node(const Vec3& centre, double radius, const ObstacleNode& node) {
-    double total = 0.0;
-    for (int i = 0; i < 3; ++i) {
-        const double x = centre[i];
-        const double out = std::max(std::max(node.low[i] - x, x - node.high[i]), 0.0);
-        total += out * out;
-    }
-    return std::sqrt(total) - radius;
-}
-
 // The result for one configuration.
 struct Nearest {
     // Bounds (m) of the smallest distance over the pairs that do not overlap.
@@ -91,10 +80,17 @@ private:
         std::array<int, kLanes> obstacles;
     };
     static constexpr std::size_t kMostInRow = 32;
-    template <class Visit>
-    bool visit_obstacles(int body, Visit visit) const;
+    template <class Limit, class Visit>
+    bool visit_obstacles(int body, Limit limit, Visit visit) const;
+
+    // Two bodies of the robot that are checked, and the sum of their balls.
+    struct OwnPair {
+        int a, b;
+        double balls;
+    };
 
     std::shared_ptr<const World> world_;
+    std::vector<OwnPair> own_;     // those of World::own
     std::vector<FourBoxes> four_;  // in the order of the tree; empty for more than kMostInRow obstacles
     Placement bodies_;
     std::vector<int> contacts_;

@@ -104,6 +104,13 @@ std::uint32_t append_between(const JointTree& tree, int a, int b, std::vector<in
     return up;
 }
 
+bool is_identity(const Transform& t) {
+    bool same = squared_norm(t.translation) == 0.0;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) same = same && t.rotation.m[i][j] == (i == j ? 1.0 : 0.0);
+    return same;
+}
+
 // Whether a joint has an influence: a mimic joint with multiplier 0 has none.
 bool has_influence(const Joint& joint) { return joint.multiplier != 0.0; }
 
@@ -264,26 +271,50 @@ World World::of_still_pairs() const {
 }
 
 Placement::Placement(const Geometry& geometry)
-    : geometry_(&geometry), joints_(geometry.tree.joints.size()), robot_(geometry.robot.size()) {
+    : geometry_(&geometry),
+      values_((geometry.tree.joints.size() + kLanes - 1) / kLanes * kLanes),
+      sines_(values_.size()),
+      cosines_(values_.size()),
+      frames_(geometry.tree.joints.size()),
+      joints_(frames_.size()),
+      robot_(geometry.robot.size()) {
     for (std::size_t i = 0; i < robot_.size(); ++i) {
         const Body& body = geometry.robot[i];
         if (body.joint == kRoot) robot_[i] = placed(body.joint_from_body, *body.shape);
+        in_joint_frame_.push_back(is_identity(body.joint_from_body));
     }
 }
 
 bool Placement::set(const double* q) {
+    const std::vector<Joint>& joints = geometry_->tree.joints;
     double sum = 0.0;
     for (std::size_t j = 0; j < geometry_->tree.dof; ++j) sum += 0.0 * q[j];
     const bool is_finite = sum == 0.0;
     if (is_finite) {
-        place_joints(geometry_->tree, q, joints_);
+        for (std::size_t k = 0; k < joints.size(); ++k) values_[k] = joints[k].value(q);
+        sincos_of_each(values_.data(), sines_.data(), cosines_.data(), values_.size());
+        for (std::size_t k = 0; k < joints.size(); ++k) {
+            Frame frame = joints[k].parent == kRoot ? frame_of(joints[k].before) : frames_[joints[k].parent] * joints[k].before;
+            if (joints[k].prismatic) {
+                frame.origin += values_[k] * frame.z;
+            } else {
+                const Double4 x = frame.x;
+                frame.x = cosines_[k] * x + sines_[k] * frame.y;
+                frame.y = cosines_[k] * frame.y - sines_[k] * x;
+            }
+            frames_[k] = frame;
+            joints_[k] = transform_of(frame);
+        }
     } else {
         constexpr double nan = std::numeric_limits<double>::quiet_NaN();
         std::ranges::fill(joints_, Transform{{{{nan, nan, nan}, {nan, nan, nan}, {nan, nan, nan}}}, {nan, nan, nan}});
+        for (std::size_t k = 0; k < joints_.size(); ++k) frames_[k] = frame_of(joints_[k]);
     }
     for (std::size_t i = 0; i < robot_.size(); ++i) {
         const Body& body = geometry_->robot[i];
-        if (body.joint != kRoot) robot_[i] = placed(joints_[body.joint] * body.joint_from_body, *body.shape);
+        if (body.joint == kRoot) continue;
+        robot_[i] = placed(
+            in_joint_frame_[i] ? joints_[body.joint] : transform_of(frames_[body.joint] * body.joint_from_body), *body.shape);
     }
     return is_finite;
 }

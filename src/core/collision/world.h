@@ -11,6 +11,7 @@
 
 #include "collision/gjk.h"
 #include "collision/shape.h"
+#include "geometry/lanes.h"
 #include "geometry/vectors.h"
 #include "kinematics/tree.h"
 
@@ -117,8 +118,11 @@ public:
 
 private:
     const Geometry* geometry_;
+    std::vector<double> values_, sines_, cosines_;  // of the joints, padded to whole registers
+    std::vector<Frame> frames_;                     // the joints, for products
     std::vector<Transform> joints_;
     std::vector<PlacedBody> robot_;
+    std::vector<char> in_joint_frame_;  // (robot bodies) whether it is placed as its joint
 };
 
 // Two bodies that are checked against each other, the first of the robot.

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <span>
 #include <vector>
 
 #include "geometry/sincos.h"
@@ -40,14 +39,6 @@ inline Transform placed_joint(const Joint& joint, const Transform* root_from_par
         rotate_about_z(place.rotation, sine, cosine);
     }
     return place;
-}
-
-// root_from_joint of every joint at q (dof), which must be finite.
-inline void place_joints(const JointTree& tree, const double* q, std::span<Transform> root_from_joint) {
-    for (std::size_t k = 0; k < tree.joints.size(); ++k) {
-        const Joint& joint = tree.joints[k];
-        root_from_joint[k] = placed_joint(joint, joint.parent == kRoot ? nullptr : &root_from_joint[joint.parent], q);
-    }
 }
 
 }  // namespace pinproof

@@ -97,8 +97,9 @@ class AnalyticIk:
         if known() is not arm:
             plan = self._plan(arm)
         reference = plan.home if q0 is None else _reference(arm, plan, q0)
-        if type(target) is SE3:
-            target = rigid_matrix("target", target)
+        if isinstance(target, SE3):
+            copied = target.homogeneous  # a new array
+            target = copied if _core.is_rigid(copied) else rigid_matrix("target", target)
         elif not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):

@@ -705,7 +705,7 @@ class Assembly:
     bodies: tuple[Body, ...]
     rounding: float  # the allowance (m) for floating-point error
     pairs: Pairs
-    chosen: Pairs | None  # those that the specification states, if known
+    chosen: Pairs  # those that the specification states
 
     @cached_property
     def geometry(self) -> Geometry:
@@ -714,12 +714,10 @@ class Assembly:
         placed = [*_on_joints(arm, self.links), *_on_joints.__wrapped__(arm, attached)]
         return Geometry(_joints(arm)[0], placed, self.around.core, self.rounding)
 
-    def with_pairs(self, pairs: Pairs, spec: CheckerSpec | None = None) -> Assembly:
-        """Return the same with other pairs; with those that a specification states if it is given."""
+    def with_pairs(self, pairs: Pairs) -> Assembly:
+        """Return the same bodies with other pairs, which the specification does not state."""
         other = object.__new__(Assembly)
         other.__dict__.update(self.__dict__, pairs=pairs)
-        if spec is not None:
-            other.__dict__.update(spec=spec, chosen=pairs if self.pairs is self.chosen else None)
         return other
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Pairs) -> Assembly:
@@ -805,26 +803,6 @@ def numbered_owners(bodies: Sequence[Body]) -> tuple[dict[str, int], Indices]:
     owners = [body.owner for body in bodies]
     numbers = {owner: i for i, owner in enumerate(dict.fromkeys(owners))}
     return numbers, np.array([numbers[owner] for owner in owners], dtype=np.int64)
-
-
-def leave_out(made: Assembly, spec: CheckerSpec, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
-    """Return the same bodies with more pairs of owners excluded; None if :func:`assemble` is needed, for a wildcard."""
-    # Wildcards and links without geometry need all of the rules.
-    order, owners = numbered_owners(made.bodies)
-    if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
-        return None
-    moving = {body.owner for body in made.own}
-    named = {frozenset(pair) for pair in allowed if moving & set(pair)}
-    checked, kept = owners[made.pairs.checked], np.ones(len(made.pairs.checked), dtype=bool)
-    excluded = [pair for pair in made.pairs.excluded if frozenset(pair.owners) not in named]
-    for pair in named:
-        first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
-        excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
-        kept &= ~is_pair(checked, order[first], order[second])
-    # The order of the exclusions is that of choose_pairs.
-    excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
-    finer = tuple([pair for pair in made.pairs.finer if frozenset(pair.owners) not in named])
-    return made.with_pairs(Pairs(made.pairs.checked[kept], tuple(excluded), finer), spec)
 
 
 def is_pair(owners: Indices, one: int, other: int) -> npt.NDArray[np.bool_]:

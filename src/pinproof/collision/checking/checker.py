@@ -22,7 +22,6 @@ from pinproof.collision.checking.assembly import (
     PairRules,
     assemble,
     is_pair,
-    leave_out,
     numbered_owners,
     overlap_levels,
     unexplained_pairs,
@@ -436,15 +435,11 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             other._levels = {**overlap_levels(self._link_bodies.of({}), spec.arm, self._rules), **self._levels}
         elif spec.finer is not before.finer:
             other._levels = {**self._levels, **spec.finer}
-        bodies = ("arm", "scene", "attached", "link_meshes", "finer")
+        bodies = ("arm", "scene", "attached", "link_meshes", "finer", "allowed")
         if assemble or any(getattr(spec, name) is not getattr(before, name) for name in bodies):
             other._assemble(self._assembly)
-        elif spec.allowed is before.allowed:
-            other._set_margins()
-        elif made := leave_out(self._assembly, spec, spec.allowed[len(before.allowed) :]):
-            other._take(made)
         else:
-            other._assemble(self._assembly)
+            other._set_margins()
         return other if key is None else self._keep(key, other)
 
     def _keep(self, key: Hashable, other: CollisionChecker) -> CollisionChecker:

@@ -229,8 +229,8 @@ def replan(
             return result(ReplanStatus.UNPROVEN_STOP, message, takeover, search.stop())
     # A motion to a goal, or a stop.
     found, failure = search.motion_to(planner, budget)
+    checker = search.checker
     if found is not None:
-        checker = search.checker
         moving = np.abs(found[0].velocities[1:-1]) > AT_REST * bounds.velocity
         status = ReplanStatus.CHANGED if moving.any(axis=1).all() else ReplanStatus.CHANGED_WITH_STOP
         message = f"a new motion of {found[0].duration:.3g} s takes over at t = {takeover:.4g} s: {found[1].message}"
@@ -345,11 +345,14 @@ class _Continuation:
             return new is not None
 
         # The direct move to the nearest goal is the optimum. Then random parts are replaced, mostly about the ends of
-        # moves, where the arm is slow.
+        # moves, where the arm is slow. A motion that still stops gets twice the budget.
         until = moves.computed + budget
         nearest = self.aims[least_times(self.aims - self.state[0], self.bounds, full_speed=True).argmin()]
         direct = budget > 0 and connect(0.0, motion.duration, rest(nearest))
-        while not direct and moves.computed < until and len((motion := found[-1]).moves) > 1:
+        while not direct and len((motion := found[-1]).moves) > 1:
+            stops = any(not any(motion.state(time)[1]) for time in motion.times[1:-1])
+            if moves.computed >= until + (budget if stops else 0):
+                break
             kind, *draws = rng.random(3).tolist()
             if kind < ANYWHERE:
                 start, end = sorted(draw * motion.duration for draw in draws)

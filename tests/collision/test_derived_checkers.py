@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.collision import CheckerSpec
-from pinproof.collision.checking import assembly
+from pinproof.collision.checking import pairs
 from pinproof.description import robots_folder
 
 from ..examples import examples
@@ -430,9 +430,9 @@ def chain_of_checkers(arm, link: str, hand: dict[str, float]):
 def test_checkers_of_a_task_equal_new_ones(robot, link, hand, monkeypatch):
     arm = pp.load_robot(robot).arm()
     derived = list(chain_of_checkers(arm, link, hand))
-    monkeypatch.setattr(assembly, "_KNOWN", WeakKeyDictionary())
+    monkeypatch.setattr(pairs, "_KNOWN", WeakKeyDictionary())
     for checker in derived:
-        assembly._KNOWN.clear()  # nothing is known of the robot
+        pairs._KNOWN.clear()  # nothing is known of the robot
         same(checker, pp.CollisionChecker.of(checker.spec), checker.group)
 
 

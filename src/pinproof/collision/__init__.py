@@ -37,7 +37,7 @@ from pinproof.collision.certificates.program_proof import (
 )
 from pinproof.collision.certificates.proof_file import verify_proof
 from pinproof.collision.certificates.reuse import SetupChange, StoredProof
-from pinproof.collision.checking.assembly import ExcludedPair, only_arm
+from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.audit import AuditResult, audit
 from pinproof.collision.checking.checker import (
     CheckResult,
@@ -59,6 +59,7 @@ from pinproof.collision.checking.line_surface import (
 )
 from pinproof.collision.checking.links import KINDS, LinkOverlap, OverlapReport, link_bodies, sample_overlaps
 from pinproof.collision.checking.movers import Mover, TimedScene, with_movers
+from pinproof.collision.checking.pairs import ExcludedPair
 from pinproof.collision.checking.penetration import penetration
 from pinproof.collision.checking.placed_bodies import GJK_SLACK, MeasureByCoal
 from pinproof.collision.checking.sensor_removal import remove_body, remove_robot

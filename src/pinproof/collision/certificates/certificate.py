@@ -25,7 +25,7 @@ from pinproof.collision.certificates.path_constraints import (
     UndecidedConstraint,
     exact_text,
 )
-from pinproof.collision.checking.assembly import ExcludedPair
+from pinproof.collision.checking.pairs import ExcludedPair
 from pinproof.collision.checking.spec import EXAMINED, CheckerSpec, present_stamp
 from pinproof.collision.geometry.bodies import BoxBody, FileStamp
 from pinproof.collision.geometry.occupancy import OccupancyGrid

@@ -19,15 +19,13 @@ from pinproof._core import FREE, NOT_FINITE, World, edges_proven
 from pinproof.collision.checking.assembly import (
     Assembly,
     CheckedBodies,
-    PairRules,
     assemble,
     is_pair,
     numbered_owners,
-    overlap_levels,
-    unexplained_pairs,
     warn_of_units,
 )
 from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, Overlaps, meshes_of
+from pinproof.collision.checking.pairs import PairRules, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.penetration import crossing_depth
 from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
 from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair

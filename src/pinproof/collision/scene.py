@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.files import read_yaml, write_yaml
-from pinproof.common.results import Rows, Shown, View, shortened
+from pinproof.common.results import ByValue, Rows, Shown, View, shortened
 from pinproof.common.structs import ANY_TEXT, Accepting, errors_of, key, list_of, plain, simple, struct, table_of
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
@@ -45,8 +45,8 @@ class Scene(Mapping[str, Obstacle], Shown):
     Notes
     -----
     A scene is a read-only mapping of names to obstacles, in order: ``scene["table"]``, ``"table" in scene``,
-    ``len(scene)``, ``for name in scene``, ``scene.items()``. Two scenes are equal only if they are the same object, as
-    for obstacles; :meth:`is_close` compares their contents.
+    ``len(scene)``, ``for name in scene``, ``scene.items()``. Scenes with equal contents are equal, wherever they were
+    read from; :meth:`is_close` compares poses within a tolerance.
     """
 
     obstacles: tuple[Obstacle, ...] = key(
@@ -70,8 +70,8 @@ class Scene(Mapping[str, Obstacle], Shown):
         default="",
         kind=ANY_TEXT,
     )
-    notes: tuple[str, ...] = key("simplifications made when the file was read", default=(), hidden=True)
-    source: Path | None = key("the file from which it was read, for messages", default=None, hidden=True)
+    notes: tuple[str, ...] = key("simplifications made when the file was read", default=(), hidden=True, compare=False)
+    source: Path | None = key("the file from which it was read, for messages", default=None, hidden=True, compare=False)
 
     def _view(self) -> View:
         count = len(self.obstacles)
@@ -132,7 +132,7 @@ class Scene(Mapping[str, Obstacle], Shown):
         """Return the obstacle of this name, or ``default``."""
         return default if name not in self._numbers else self[str(name)]
 
-    __eq__, __hash__ = object.__eq__, object.__hash__
+    __eq__, __hash__ = Shown.__eq__, Shown.__hash__  # not those of a mapping
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -279,7 +279,7 @@ def _stated_pose(placement: pin.SE3) -> dict[str, Any]:
 
 
 @struct("attached", eq=False)
-class Attachments:
+class Attachments(ByValue):
     """Bodies that the arm carries at its tcp: a tool, a part, or both, for the option `--attached`."""
 
     bodies: Accepting[tuple[Obstacle, ...], Iterable[Obstacle]] = key(

@@ -10,7 +10,8 @@ The HTML is for notebooks: it needs no style sheet, script or network connection
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
 from functools import partial
 from html import escape
 from itertools import islice
@@ -142,7 +143,61 @@ class View:
     title: str = ""
 
 
-class Shown:
+class ByValue:
+    """A dataclass that equals another of its class with the same values, those of arrays and poses included.
+
+    Declared with ``eq=False``, because a comparison of arrays is an array.
+    """
+
+    not_pickled: ClassVar[Sequence[str]] = ()
+    """Fields that are large and not a part of the value: a pickle has None in their place."""
+
+    def _values(self) -> tuple[object, ...] | None:
+        """What is compared; None for a class that is compared by identity."""
+        if not is_dataclass(self):
+            return None
+        return tuple(
+            self.__dict__.get(each.name) for each in fields(self) if each.compare and each.name not in self.not_pickled
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        values = self._values() if type(self) is type(other) else None
+        return values is not None and same_values(values, other._values())  # type: ignore[attr-defined]
+
+    def __hash__(self) -> int:
+        values = self._values()
+        if values is None:
+            return object.__hash__(self)
+        return hash((type(self), *(each for each in values if isinstance(each, (str, int, Enum)))))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | dict.fromkeys(self.not_pickled)
+
+
+def same_values(one: object, other: object) -> bool:
+    """Whether two values are equal, with equal types, arrays, poses and dataclasses in them; NaN equals NaN."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    if isinstance(one, (tuple, list)) and isinstance(other, (tuple, list)):
+        return len(one) == len(other) and all(map(same_values, one, other))
+    if isinstance(one, ByValue):
+        return one == other
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same_values(value, other[name]) for name, value in one.items())
+    if hasattr(one, "homogeneous"):  # an SE3
+        return np.array_equal(one.homogeneous, getattr(other, "homogeneous"))  # noqa: B009
+    if is_dataclass(one):
+        return all(same_values(vars(one).get(each.name), vars(other).get(each.name)) for each in fields(one))
+    return one == other or (one != one and other != other)
+
+
+class Shown(ByValue):
     """A value whose ``repr`` and HTML follow from its view."""
 
     def __init_subclass__(cls, **named: Any) -> None:
@@ -255,6 +310,19 @@ class Answer(Shown):
         """The message of the exception of :meth:`or_raise`."""
         return self.message
 
+    def _values(self) -> tuple[object, ...] | None:
+        self._make_solutions()
+        return super()._values()
+
+    def __getstate__(self) -> dict[str, Any]:
+        self._make_solutions()
+        return super().__getstate__()
+
+    def _make_solutions(self) -> None:
+        """Make the fields that are made when they are first read."""
+        for name in [name for name, value in self.__dict__.items() if isinstance(value, partial)]:
+            getattr(self, name)
+
     def changed(self: Own, **values: object) -> Own:
         """Return a copy with other values of fields; :func:`dataclasses.replace` would read those that are None."""
         other = object.__new__(type(self))  # not by its pickle, which may leave out what can be made again
@@ -283,7 +351,7 @@ class Solution(Generic[Value]):
     def __get__(self, result: Answer | None, owner: type | None = None) -> Any:
         if result is None:  # read from the class: the default of the field
             return None
-        value = result.__dict__[self._name]
+        value = result.__dict__.get(self._name)
         if isinstance(value, partial):
             value = result.__dict__[self._name] = value()
         if value is None:

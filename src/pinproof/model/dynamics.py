@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof._core import DynamicTree, Joint, JointTree, RigidBody
+from pinproof.common.results import ByValue
 from pinproof.common.structs import Accepting, any_of, array_of, key, list_of, parsed, simple, struct, vector
 from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError, UnknownNameError
@@ -73,7 +74,7 @@ def _checked_inertia(name: str, value: npt.ArrayLike) -> Array:
 
 @named_arguments
 @struct("payload", eq=False, repr=False)
-class Payload:
+class Payload(ByValue):
     """The mass of a rigid body fixed to a link of the arm, such as a tool or a carried part."""
 
     mass: float = key("mass, above 0", "kg", above=0)

@@ -402,6 +402,14 @@ class JointGroup(Shown):
 
     _kind = "Joint group"
 
+    def _values(self) -> tuple[object, ...]:
+        return self.robot, self.ends, self.limits, self.held
+
+    def __hash__(self) -> int:
+        return hash(self.joint_names)
+
+    __eq__ = Shown.__eq__
+
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_threads"}
 
@@ -585,7 +593,12 @@ class Robot(Shown):
     declared_arms: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[str, Robot] = field(default_factory=dict)
     movers: Mapping[str, str] = field(default_factory=dict)
-    _model: Any = field(init=False, repr=False)
+    _model: Any = field(init=False, repr=False, compare=False)
+
+    def __hash__(self) -> int:
+        return hash(self.urdf.text)
+
+    __eq__ = Shown.__eq__
 
     def __post_init__(self) -> None:
         where = self.urdf.path or self.urdf.name

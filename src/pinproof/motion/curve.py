@@ -23,6 +23,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_check
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.results import ByValue
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 
@@ -299,7 +300,7 @@ def _ratio(numerator: Array, denominator: Array) -> Array:
         return np.clip(np.nan_to_num(numerator / denominator, nan=0.0), 0.0, 1.0)
 
 
-class BezierCurve:
+class BezierCurve(ByValue):
     """Domain, ends, evaluation and comparison of a curve that is stored as Bezier pieces."""
 
     joint_names: tuple[str, ...]

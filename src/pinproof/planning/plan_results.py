@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
@@ -114,6 +113,8 @@ class Barrier:
 class PlanResult(PlanAnswer):
     """The outcome of a plan. Where it has no path, reading one raises :class:`pinproof.errors.PlanFailed`."""
 
+    not_pickled = ("checker",)
+
     status: PlanStatus = key("FOUND, or the reason of the failure")
     path: Solution[JointPath] = key(
         "the path from the start to the goal that was reached, if FOUND", default=Solution()
@@ -147,10 +148,6 @@ class PlanResult(PlanAnswer):
         " the trajectory",
         default=Solution(),
     )
-
-    def __getstate__(self) -> dict[str, Any]:
-        """A pickle has no checker, whose size is a thousand times that of the rest, and a complete certificate."""
-        return {**vars(self), "certificate": self.certificate if self.ok else None, "checker": None}
 
     def _view(self) -> View:
         path = self.path if self.ok else None

@@ -102,6 +102,8 @@ class Replan(Answer):
     """
 
     failure = PlanFailed
+    not_pickled = ("checker",)
+
     status: ReplanStatus = key("KEPT, CHANGED or CHANGED_WITH_STOP if the motion ends at a goal, else the reason")
     message: str = key("the outcome; if no motion is proven, with the contact and its time on the clock of `running`")
     takeover: float = key("where `trajectory` begins on the clock of `running`, which continues until then", "s")

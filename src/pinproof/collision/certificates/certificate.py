@@ -10,7 +10,7 @@ import hashlib
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -366,8 +366,10 @@ class Certificate(Shown):
         "at the end of this one",
         default=False,
     )
-    subject: tuple[Curve, CollisionChecker] | None = key(
-        "the curve and checker of a recorded certificate, for :meth:`save`", default=None
+    subject: tuple[Curve, CollisionChecker | None] | None = key(
+        "the curve and checker of a recorded certificate, for :meth:`save`. A pickle leaves out the checker",
+        default=None,
+        compare=False,
     )
     attached: tuple[Obstacle, ...] = key("the bodies that move with the tcp", default=())
     held: Mapping[str, float] = key("values of the joints outside the arm", "rad or m", default_factory=dict)
@@ -390,6 +392,33 @@ class Certificate(Shown):
     undecided_constraint: UndecidedConstraint | None = key(
         "the first span in which a constraint is undecided", default=None
     )
+
+    def __getstate__(self) -> dict[str, Any]:
+        curve = self.subject and (self.subject[0], None)
+        return {**self.__dict__, "subject": curve}
+
+    def with_checker(self, checker: CollisionChecker) -> Certificate:
+        """Return a recorded certificate with its checker, which a pickle leaves out, to save or reuse the proof.
+
+        Raises
+        ------
+        InputError
+            If the certificate is not for the setup of the checker.
+        """
+        if setup_of(checker).hash != self.setup:
+            raise InputError("the certificate is not for the arm, the scene and the attached objects of this checker")
+        return replace(self, subject=self.subject and (self.subject[0], checker))
+
+    def recorded(self, purpose: str) -> tuple[Array, Curve, CollisionChecker]:
+        """Return the evidence, the curve and the checker; InputError with the ``purpose`` if one is missing."""
+        if self.evidence is None or self.subject is None:
+            what = f"this certificate has no evidence; create it with certify(..., record=True) to {purpose} it"
+            raise InputError(what)
+        curve, checker = self.subject
+        if checker is None:
+            what = "a pickle of a certificate leaves out its checker; certificate.with_checker(checker) adds it"
+            raise InputError(f"{what}, to {purpose} it")
+        return self.evidence, curve, checker
 
     @property
     def free(self) -> bool:
@@ -490,10 +519,9 @@ class Certificate(Shown):
 
         if not self.free:
             raise InputError(f"only a FREE certificate is a proof to save; this one is {self.status.name}")
-        if self.evidence is None or self.subject is None:
-            raise InputError("this certificate has no evidence; create it with certify(..., record=True) to save it")
+        _, curve, checker = self.recorded("save")
         try:
-            write_proof(self, *self.subject, path)
+            write_proof(self, curve, checker, path)
         except NotProvenFree as error:
             raise NotProvenFree(str(error), self) from error
 

@@ -126,17 +126,15 @@ class StoredProof:
     def __init__(self, certificate: Certificate) -> None:
         if not certificate.free or certificate.tube is None:
             raise InputError(f"only a FREE certificate can be reused; this one is {certificate.status.name}")
-        if certificate.evidence is None or certificate.subject is None:
-            raise InputError("this certificate has no evidence; create it with certify(..., record=True) to reuse it")
         if certificate.partings:
             raise InputError("a certificate with pairs that may touch at the start cannot be reused")
         self.certificate = certificate
-        self.curve, self.checker = certificate.subject
+        evidence, self.curve, self.checker = certificate.recorded("reuse")
         self.joint_tolerance: Array = certificate.tube.joints
         self.obstacle_tolerance = certificate.tube.obstacles
         self.joint_tube, self.obstacle_tube = certificate.tube.largest_joints, certificate.tube.largest_obstacles
         # The smallest proven distance (P,) of each pair; NaN if its intervals do not cover the curve.
-        rows = self.leaves = final_evidence(certificate.evidence)
+        rows = self.leaves = final_evidence(evidence)
         self.lowest = np.full(len(self.checker.pairs), np.nan)
         if not len(rows):
             return

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.results import ByValue
 from pinproof.common.structs import NUMBER, Definition, number, parsed, simple
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
@@ -65,17 +66,17 @@ CELLS = "_cells"
 """The attribute of a shape of cells that keeps them as the core uses them."""
 
 
-class ByContent:
-    """Equality, hash and a short ``repr`` for frozen dataclasses that hold arrays."""
-
-    def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self._contents() == other._contents()
-
-    def __hash__(self) -> int:
-        return hash(self._contents())
+class ByContent(ByValue):
+    """Equality, and a short ``repr`` with hashes of arrays, for frozen dataclasses that hold arrays."""
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._contents())})"
+        stated = []
+        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
+            value, text = getattr(self, field.name), ""
+            if isinstance(value, np.ndarray):
+                text = f"<{value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}>"
+            stated.append(f"{field.name}={text or repr(value)}")
+        return f"{type(self).__name__}({', '.join(stated)})"
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != CELLS}
@@ -85,14 +86,3 @@ class ByContent:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)  # a pickle does not keep it
         self.__dict__.update(state)
-
-    def _contents(self) -> tuple[tuple[str, str], ...]:
-        stated = []
-        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
-            value = getattr(self, field.name)
-            if isinstance(value, np.ndarray):
-                text = f"<{value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}>"
-            else:
-                text = repr(value)
-            stated.append((field.name, text))
-        return tuple(stated)

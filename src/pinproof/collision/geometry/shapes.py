@@ -32,6 +32,7 @@ from pinproof.collision.geometry.shape_values import (
     coordinates,
     point_array,
 )
+from pinproof.common.results import ByValue
 from pinproof.common.structs import (
     COUNT,
     NUMBER,
@@ -570,7 +571,7 @@ def _one_arm(name: str, value: Any) -> str:
 
 
 @struct("obstacle", eq=False)
-class Obstacle:
+class Obstacle(ByValue):
     """A body: a name, exactly one shape, a pose and a colour."""
 
     name: str = key("its name, unique in its list")

@@ -324,9 +324,12 @@ def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
            "acceleration_source", "notes"),
     more=True,
     written=True,
+    eq=False,
 )  # fmt: skip
 class CampaignResult(Shown, Written):
     """The rows of a campaign, which stay on disk."""
+
+    not_pickled = ("setup",)
 
     path: Path = key(
         "the file of the rows, in the order of the picks: JSON lines after a header",

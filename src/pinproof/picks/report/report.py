@@ -66,6 +66,8 @@ Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motion
 class PickReport(Saved, Written):
     """A report on picks. Readers must accept unknown keys: they are additions of the same version."""
 
+    not_pickled = ("setup",)
+
     robot: str = key("name of the robot")
     verdicts: tuple[PickVerdict, ...] = key("the verdicts in the order of the file", name="picks")
     problems: tuple[PickProblem, ...] = key("rows that could not be read")

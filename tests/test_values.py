@@ -1,0 +1,139 @@
+"""Values are equal if their contents are, also after pickling, and pickles of results leave out the checker."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import Attachments, Cone, ConvexHull, HeightMap
+from pinproof.common.results import same_values
+
+LARGEST_RESULT = 8_000
+"""Bytes; a checker has several hundred thousand."""
+
+
+@cache
+def parts() -> tuple[pp.Arm, pp.CollisionChecker, pp.JointPath]:
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    scene = pp.Scene([pp.Obstacle("post", pp.Box(0.1, 0.1, 0.1), pp.pose([0.6, 0.4, 0.2]), rgba=(1, 0, 0, 1))])
+    return arm, pp.CollisionChecker(arm, scene), pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names)
+
+
+def cloud() -> pp.PointCloud:
+    return pp.PointCloud([[0, 0, 0], [1, 2, 3]], resolution=0.1)
+
+
+def tetrahedron() -> pp.Mesh:
+    return pp.Mesh.from_arrays(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    )
+
+
+VALUES: dict[str, Callable[[], Any]] = {
+    "robot": lambda: pp.load_robot("ur5"),
+    "arm": lambda: pp.load_robot("ur5").arm(tcp="tool0"),
+    "group": lambda: pp.load_robot("baxter_left").arms(),
+    "limits": lambda: pp.load_robot("ur5").arm(tcp="tool0").limits,
+    "scene": lambda: pp.Scene([pp.Obstacle("post", cloud(), pp.pose([0.6, 0.4, 0.2]))], frame="world"),
+    "obstacle": lambda: pp.Obstacle("post", tetrahedron(), pp.pose([0.6, 0.4, 0.2], [0.1, 0.2, 0.3])),
+    "attachments": lambda: Attachments([pp.Obstacle("part", pp.Sphere(0.1))], held={"a": 1.0}),
+    "box": lambda: pp.Box(1, 2, 3),
+    "cone": lambda: Cone(1, 2),
+    "hull": lambda: ConvexHull(np.eye(4, 3)),
+    "mesh": tetrahedron,
+    "cloud": cloud,
+    "height map": lambda: HeightMap(np.zeros((3, 3)), 1.0, 1.0),
+    "payload": lambda: pp.Payload(2.0, [0, 0, 0.1]),
+    "path": lambda: pp.JointPath(np.eye(3), ("a", "b", "c")),
+    "trajectory": lambda: pp.time_parametrise(parts()[2], parts()[0].limits),
+    "DH table": lambda: pp.urdf_to_dh(parts()[0], convention="standard"),
+}
+
+RESULTS: dict[str, Callable[[], Any]] = {
+    "IK": lambda: pp.Clik().solve(parts()[0], parts()[0].forward_kinematics(parts()[0].home + 0.1), parts()[0].home),
+    "check": lambda: parts()[1].check(parts()[0].home),
+    "certificate": lambda: pp.certify(parts()[2], parts()[1]),
+    "recorded": lambda: pp.certify(parts()[2], parts()[1], record=True),
+    "path plan": lambda: pp.RrtConnect().plan(parts()[1], parts()[0].home, parts()[0].home + 0.3),
+    "motion": lambda: pp.plan(parts()[1], parts()[0].home, parts()[0].home + 0.3),
+    "failed motion": lambda: pp.plan(parts()[1], parts()[0].home, parts()[0].home + 100.0),
+}
+
+
+@pytest.fixture(params=[*VALUES, *RESULTS])
+def value(request: pytest.FixtureRequest) -> Iterator[Any]:
+    return {**VALUES, **RESULTS}[request.param]()
+
+
+def test_a_pickle_is_an_equal_value(value):
+    again = pickle.loads(pickle.dumps(value))
+    assert again == value
+    assert hash(again) == hash(value)
+    assert repr(again) == repr(value)
+
+
+@pytest.mark.parametrize("make", VALUES.values(), ids=VALUES)
+def test_equal_contents_are_equal_values(make):
+    one, other = make(), make()
+    assert one is not other
+    assert one == other
+    assert len({one, other}) == 1
+    assert one != "another"
+
+
+@pytest.mark.parametrize("make", RESULTS.values(), ids=RESULTS)
+def test_a_pickle_of_a_result_is_small(make):
+    assert len(pickle.dumps(make())) < LARGEST_RESULT
+
+
+def test_other_contents_are_other_values():
+    arm, checker, path = parts()
+    post = checker.scene["post"]
+    moved = checker.scene.move("post", pp.pose([0.6, 0.4, 0.2 + 1e-15]))
+    assert checker.scene != moved
+    assert post != replace(post, rgba=None)
+    assert arm != arm.with_limits(replace(arm.limits, upper=arm.limits.upper + 1e-9))
+    assert arm != pp.load_robot("ur5").arm(tcp="wrist_3_link")
+    assert arm.robot != pp.load_robot("ur10")
+    assert path != pp.JointPath(path.q, tuple("abcdef"))
+    assert path != path.reversed()
+    assert pp.certify(path, checker) != pp.certify(path, checker, record=True)
+    assert tetrahedron() != pp.Mesh.from_arrays(1.5 * tetrahedron().vertices, tetrahedron().triangles)
+    assert checker != pp.CollisionChecker(arm, checker.scene)  # by identity
+
+
+def test_values_in_a_result_are_compared_with_their_types():
+    nan, one = np.array([np.nan, 1.0]), {"a": [1, (2.0, np.nan)]}
+    assert same_values(nan, nan.copy())
+    assert same_values(one, {"a": [1, (2.0, np.nan)]})
+    for other in ({"a": [1, [2.0, np.nan]]}, {"a": [1, (2.0, 3.0)]}, {"b": one["a"]}, {"a": [1]}, {}):
+        assert not same_values(one, other)
+    assert not same_values(np.zeros(2), np.zeros((2, 1)))
+    assert not same_values(np.zeros(2), np.zeros(2, dtype=int))
+    assert not same_values(1, 1.0)
+
+
+def test_a_pickled_proof_is_saved_with_its_checker(tmp_path):
+    _, checker, path = parts()
+    again = pickle.loads(pickle.dumps(pp.certify(path, checker, record=True)))
+    with pytest.raises(pp.InputError, match="with_checker"):
+        again.save(tmp_path / "proof.json")
+    again.with_checker(checker).save(tmp_path / "proof.json")
+    assert pp.verify_proof(tmp_path / "proof.json").ok
+    with pytest.raises(pp.InputError, match="not for"):
+        again.with_checker(pp.CollisionChecker(checker.group))
+
+
+def test_a_pickled_plan_has_no_checker():
+    _, checker, path = parts()
+    again = pickle.loads(pickle.dumps(pp.RrtConnect().plan(checker, path.q[0], path.q[1])))
+    assert again.path == pp.RrtConnect().plan(checker, path.q[0], path.q[1]).path
+    with pytest.raises(pp.NoAnswer, match="no checker"):
+        _ = again.checker

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.collision import Attachments, Cone, ConvexHull, HeightMap
+from pinproof.collision import Attachments, Cone, ConvexShape, HeightMap
 from pinproof.common.results import same_values
 
 LARGEST_RESULT = 8_000
@@ -46,7 +46,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "attachments": lambda: Attachments([pp.Obstacle("part", pp.Sphere(0.1))], held={"a": 1.0}),
     "box": lambda: pp.Box(1, 2, 3),
     "cone": lambda: Cone(1, 2),
-    "hull": lambda: ConvexHull(np.eye(4, 3)),
+    "hull": lambda: ConvexShape(np.eye(4, 3), radius=0.1),
     "mesh": tetrahedron,
     "cloud": cloud,
     "height map": lambda: HeightMap(np.zeros((3, 3)), 1.0, 1.0),

@@ -14,6 +14,7 @@ from pinproof.collision.certificates.proof_file import proof_document
 from pinproof.collision.geometry.hulls import winding_number
 from pinproof.verifier import verify
 from pinproof.verifier.parts import BOXED, Body, body_digest
+from pinproof.verifier.proof import OUTSIDE
 
 from .forging import Samples, box, mesh_proof, robot
 
@@ -195,6 +196,28 @@ def test_winding_numbers_and_connected_parts_agree_with_those_of_the_checker():
     for first, end in ((0, 3), (5, 5 + BOXED), (0, len(mesh.faces)), (2, len(mesh.faces) - 7)):
         u = rng.normal(size=(50, 3))
         assert (body.part(first, end).reach(u) >= (mesh.triangles[first:end].reshape(-1, 3) @ u.T).max(axis=0)).all()
+
+
+@pytest.mark.parametrize("off", [0.0, 1000.0])
+def test_a_point_inside_by_the_last_digit_is_never_outside(off):
+    """Points beside faces, edges and corners of a cube, at a distance of some roundings or on them."""
+    rng, decided = np.random.default_rng(4), 0
+    cube = trimesh.creation.box((2.0, 2.0, 2.0))
+    vertices = cube.vertices + off
+    row = {"name": "m", "owner": "m", "kind": "obstacle", "geometry": "m", "level": 0, "joint": -1,
+           "placement": np.eye(3, 4).tolist(), "sha256": "",
+           "shape": {"vertices": vertices.tolist(), "triangles": cube.faces.tolist(), "solid": True}}  # fmt: skip
+    body = Body(row | {"sha256": body_digest(row)}, 0, 0)
+    for _ in range(3000):
+        side = off + rng.choice([-1.0, 1.0], 3)
+        near = side + rng.choice([0.0, 5e-324, 2.2e-16, 1e-13, 1e-10, 1e-7], 3) * rng.choice([-1.0, 1.0], 3)
+        near = np.where(rng.random(3) < 0.3, np.nextafter(side, off), near)
+        point = np.where(rng.random(3) < 0.6, near, off + rng.uniform(-1.2, 1.2, 3))
+        number, error = body.winding(point)
+        inside = ((point >= off - 1.0) & (point <= off + 1.0)).all()
+        assert not (inside and abs(number) + error < OUTSIDE)
+        decided += abs(number) + error < OUTSIDE
+    assert decided > 1000
 
 
 def test_the_proof_beside_a_mesh_of_ten_thousand_triangles_has_less_than_three_megabytes():

@@ -15,7 +15,7 @@ import math
 import reprlib
 import stat
 import zlib
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -159,37 +159,25 @@ def rows_of_names(holder: Any, where: str, key: str) -> list[Any]:
 
 
 def numbers(holder: Any, where: str, key: str, shape: tuple[int | None, ...], largest: float = LARGEST) -> Array:
-    """Return the finite numbers of a key as an array of the given shape; None is any length."""
-    place, sizes = _place(where, key), list(shape)
-    found: list[float] = []
-    _collect(member(holder, where, key), place, sizes, 0, found)
+    """Return the finite numbers of a key as an array of the given shape; None is any length, that of the first list."""
+    place, sizes, found = _place(where, key), list[int](), [member(holder, where, key)]
+    for depth, size in enumerate(shape):
+        for other in found if {*map(type, found)} - {list} else ():
+            if type(other) is not list:
+                raise Refused(f"{place}: must be {len(shape) - depth} nested lists of numbers, not {shown(other)}")
+        sizes.append(size if size is not None else len(found[0]) if found else 0)
+        lengths = {*map(len, found)} - {sizes[-1]}
+        if lengths:
+            raise Refused(f"{place}: must have {sizes[-1]} entries, not {min(lengths)}")
+        found = list(chain.from_iterable(found))
+    # A boolean is no number, and a large integer is no double.
+    for each in found if {*map(type, found)} - {float} else ():
+        if type(each) is not float and (type(each) is not int or abs(each) > EXACT_INTEGER):
+            raise Refused(f"{place}: must be a number within double precision, not {shown(each)}")
     array = np.array(found, dtype=np.float64)
     if not (np.abs(array) <= largest).all():  # also true for NaN
         raise Refused(f"{place}: a number is not finite, or its magnitude is above {largest:g}")
-    return array.reshape([size or 0 for size in sizes])
-
-
-def _collect(value: Any, place: str, sizes: list[int | None], depth: int, found: list[float]) -> None:
-    """Append the numbers of nested lists; a size of None is set by the first list."""
-    values = [value]
-    if depth < len(sizes):
-        if type(value) is not list:
-            raise Refused(f"{place}: must be {len(sizes) - depth} nested lists of numbers, not {shown(value)}")
-        size = sizes[depth]
-        if size is None:
-            size = sizes[depth] = len(value)
-        if len(value) != size:
-            raise Refused(f"{place}: must have {size} entries, not {len(value)}")
-        if depth < len(sizes) - 1:
-            for k, part in enumerate(value):
-                _collect(part, f"{place}[{k}]", sizes, depth + 1, found)
-            return
-        values = value
-    # The innermost lists: a boolean is no number, and a large integer is no double.
-    for each in values:
-        if type(each) is not float and (type(each) is not int or abs(each) > EXACT_INTEGER):
-            raise Refused(f"{place}: must be a number within double precision, not {shown(each)}")
-        found.append(each)
+    return array.reshape(sizes)
 
 
 def optional_numbers(holder: Any, where: str, key: str, count: int, missing: float) -> Array:

@@ -101,7 +101,7 @@ def test_a_program_of_a_motion_without_stops_is_read_back_and_certified_again(ca
     first = program.segments[0]
     moved = first.trajectory
     faster = pp.Trajectory(moved.times, moved.q, 1.01 * moved.velocities, program.joint_names)
-    with pytest.raises(InputError, match="velocities differ"):
+    with pytest.raises(InputError, match="different velocities"):
         replace(program, segments=(replace(first, trajectory=faster), *program.segments[1:]))
     # It must not end with an event while the arm moves
     first = next(each for each in program.segments if each.trajectory.velocities[-1].any())

@@ -140,6 +140,17 @@ def test_an_obstacle_of_another_shape_takes_the_place_of_the_old_one(ur5):
         assert derived.convex.tolist() == new.convex.tolist()
 
 
+def test_a_margin_stays_with_its_obstacle_when_the_order_of_the_obstacles_changes(ur5):
+    """The pairs of bodies are the same, but of other obstacles."""
+    near, far = BALL, pp.Obstacle("far", pp.Sphere(0.1), pp.pose((-3.0, 0, 0)))
+    margins = {("forearm_link", "ball"): 0.2, ("wrist_3_link", "ball"): 0.1}
+    checker = pp.CollisionChecker(ur5, pp.Scene([near, far]), margins=margins)
+    turned = pp.Scene([far, near])
+    same(checker.with_scene(turned), pp.CollisionChecker(ur5, turned, margins=margins), ur5)
+    again = checker.with_scene(turned).with_scene(checker.scene).with_held({})
+    same(again, checker, ur5)
+
+
 def test_a_moved_obstacle_that_was_the_farthest_no_longer_sets_the_allowance_for_rounding(ur5):
     scene = crowd(40).move("thing_3", pp.pose((900.0, 0, 0)))
     far = pp.CollisionChecker(ur5, scene)

@@ -583,7 +583,9 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         spec, made, known = self._spec, self._assembly, self.__dict__
         pairs, (before, required, world) = made.pairs, known.get("_judged", (None, None, None))
         # What the world of a checker from which this one was derived has in common with its own is kept.
-        requires = made.pairs, spec.margin, spec.margins, spec.obstacle_tolerance
+        # Scenes with as many bodies have the same pairs, of which other ones may belong to an obstacle.
+        ranges = made.around.ranges if spec.margins else None
+        requires = made.pairs, spec.margin, spec.margins, spec.obstacle_tolerance, ranges
         if requires != required:
             margins = np.full(len(pairs.checked), spec.margin, dtype=float)
             if spec.margins:

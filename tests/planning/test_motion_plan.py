@@ -245,6 +245,33 @@ def test_a_barrier_has_joint_value_and_contact():
     assert motion.to_dict()["barriers"][0]["value"] == barrier.value
 
 
+def test_a_barrier_before_the_nearest_angle_of_a_joint_without_limits_is_passed_on_the_other_side(turntable):
+    post = pp.Obstacle("post", pp.Cylinder(0.05, 0.5), pp.pose((np.cos(3.0), np.sin(3.0), 0.0)))
+    checker = pp.CollisionChecker(turntable, pp.Scene([post]))
+    pose = turntable.forward_kinematics(np.array([3.5]))
+    motion = pp.plan(checker, [2.5], pose, budget=0)
+    assert_moves(motion, checker, [2.5])
+    np.testing.assert_allclose(at(turntable, motion), pose.homogeneous, atol=1e-6)
+    assert (motion.goals == motion.trajectory.end).all(axis=1).any()
+
+
+def test_barriers_are_no_proof_for_a_pose_with_unknown_solutions():
+    # Two slides in x: the outer one alone reaches the pose, the inner one cannot pass the wall
+    slide = '<joint name="{1}" type="prismatic"><parent link="{0}"/><child link="{1}"/><axis xyz="1 0 0"/>'
+    slide += '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+    box = '<collision><origin xyz="0 0 -0.5"/><geometry><box size="0.05 0.05 0.05"/></geometry></collision>'
+    links = f'<link name="base"/><link name="inner">{box}</link><link name="outer"/>'
+    urdf = f'<robot name="slides">{links}{slide.format("base", "inner")}{slide.format("inner", "outer")}</robot>'
+    arm = pp.load_robot(urdf).arm(tcp="outer")
+    wall = pp.Obstacle("wall", pp.Box(0.04, 0.2, 0.2), pp.pose((0.055, 0.0, -0.5)))
+    checker = pp.CollisionChecker(arm, pp.Scene([wall]))
+    assert pp.plan(checker, [0.0, 0.0], [0.0, 0.95], budget=0).ok
+    motion = pp.plan(checker, [0.0, 0.0], pp.pose((0.95, 0.0, 0.0)), budget=0)
+    assert (motion.goals[:, 0] > 0.0).all()
+    assert (motion.status, motion.barriers) == (PlanStatus.OUT_OF_BUDGET, ())
+    assert "inner cannot pass" in motion.message
+
+
 def test_a_search_that_ends_without_a_path_states_its_work(checker):
     walls = [pp.Obstacle(f"wall {x}", pp.Box(1.5, 0.02, 3.0), pp.pose(xyz=(x, 0.0, 1.0))) for x in (-1.0, 1.0)]
     divided = checker.with_scene(pp.Scene(walls)).with_margin(0.0)

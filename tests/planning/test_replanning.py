@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import pinproof as pp
 from pinproof.errors import InputError, PlanFailed
-from pinproof.motion import TorqueLimits
+from pinproof.motion import ToolLimits, TorqueLimits
 from pinproof.planning import ReplanStatus, replan
 from pinproof.planning.moves import FreeMoves
 from pinproof.planning.replanning import RAMP, SHARE
@@ -442,3 +442,50 @@ def test_a_control_loop_moves_to_and_fro_beside_a_walking_person(ur5):
         assert (np.abs(np.diff(q, order, axis=0)) / 1e-3**order <= limit * (1 + 1e-6) + 1e-5).all(), order
     for t, at in zip(times[::20], q[::20], strict=True):
         assert pp.CollisionChecker(ur5, pp.Scene([person(t, 0.2)])).is_free(at)
+
+
+@pytest.mark.parametrize("given", ["velocity", "jerk", "tool"])
+def test_a_free_motion_that_exceeds_given_limits_is_not_kept(given, panda):
+    running, checker = motion(panda, panda.home, panda.home + 0.6, jerk=200.0), pp.CollisionChecker(panda)
+    middle, late = 0.5 * running.duration, running.duration + 0.1
+    assert replan(running, checker, running(0.0), 0.0).status is ReplanStatus.KEPT
+    slower = replace(panda.limits, velocity=0.3 * panda.limits.velocity)
+    tool = ToolLimits(panda, linear_speed=0.3)
+    tighter = {"velocity": {"limits": slower}, "jerk": {"jerk": 20.0}, "tool": {"rate_limits": [tool]}}[given]
+    result = replan(running, checker, running(0.0), 0.0, **tighter)
+    assert result.status in NEW, result.message
+    assert "exceeds the given limits" in result.message
+    times = np.linspace(0.0, result.trajectory.duration, 500)
+    if given == "velocity":
+        assert (np.abs(result.trajectory.velocity(times)) <= slower.velocity * (1.0 + 1e-9)).all()
+        # In motion, nothing can begin above the limit.
+        assert replan(running, checker, running(middle), middle, **tighter).status is ReplanStatus.UNPROVEN_STOP
+    elif given == "jerk":
+        assert (np.abs(np.diff(result.trajectory.acceleration(times), axis=0)) <= 20.0 * (times[1] + 1e-9)).all()
+    else:
+        assert tool.excess(running).max() > 1.01
+        assert tool.excess(result.trajectory).max() <= 1.0 + 1e-9
+    # An arm at the end rests, and limits that the motion keeps are no reason for a new one.
+    assert replan(running, checker, running.end, late, **tighter).status is ReplanStatus.KEPT
+    kept = replan(running, checker, running(middle), middle, limits=panda.limits, jerk=200.0)
+    assert kept.status is ReplanStatus.KEPT
+
+
+def test_a_motion_with_jumps_of_the_acceleration_is_not_kept_with_a_jerk_limit(gantry):
+    running, checker = motion(gantry, (-0.8, -0.5), (0.8, -0.4)), pp.CollisionChecker(gantry)
+    assert replan(running, checker, running(0.4), 0.4).status is ReplanStatus.KEPT
+    result = replan(running, checker, running(0.4), 0.4, jerk=60.0)
+    assert result.status in NEW
+    assert_continues(running, result, gantry, 60.0)
+    assert result.replan(checker, result.trajectory(0.1), 0.1).status is ReplanStatus.KEPT
+
+
+def test_an_arm_whose_limits_exclude_zero_leaves_rest_and_motion(panda):
+    """The fastest stop of a Panda is inside its limits, although its fourth and sixth joints cannot be at 0."""
+    assert not panda.limits.inside(np.zeros(7)).all()
+    running, checker = motion(panda, panda.home, panda.home + 0.6, jerk=200.0), pp.CollisionChecker(panda)
+    for now in (0.0, 0.4, running.duration):
+        result = replan(running, checker, running(now), now, goals=panda.home + 0.2, jerk=200.0)
+        assert result.status in NEW, result.message
+        assert_continues(running, result, panda, 200.0)
+        assert_free(result, checker)

@@ -21,7 +21,7 @@ from pinproof.planning.goals import Goal, GoalPose, Goals, least_invalid, prove,
 from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.plan_results import Barrier, InvalidEnd, PlanResult, PlanStatus
 from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
-from pinproof.planning.problem import MAX_GOALS, read_ends
+from pinproof.planning.problem import MAX_GOALS, find_barriers, read_ends, with_turns
 from pinproof.planning.replanning import Replan, replan
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplification import SimplifyResult, simplify
@@ -319,6 +319,9 @@ def _path(
             planned = search.plan(checker, start, goals.q[rows], **task)
             if planned.ok or planned.status in (PlanStatus.START_INVALID, PlanStatus.CANCELLED):
                 break
+        if planned.status is PlanStatus.IMPOSSIBLE:
+            planned, goals = _around(search, checker, start, goals, planned, task)
+            rows = np.arange(len(goals.q))
     else:
         # With coarse bodies none is free: the planner tries finer ones, and describes the contacts
         many = [pose.branches[:DESCRIBED] for pose in goals.poses]
@@ -340,3 +343,29 @@ def _path(
         message = "; ".join(name + pose.message for name, pose in zip(names, poses, strict=True))
         planned, goals = planned.changed(message=message), goals._replace(poses=tuple(poses))
     return planned, goals, rows
+
+
+def _around(
+    search: RrtConnect | CertifiedPlanner,
+    checker: CollisionChecker,
+    start: Array,
+    goals: Goals,
+    planned: PlanResult,
+    task: dict[str, Any],
+) -> tuple[PlanResult, Goals]:
+    """The result, and the goals, if barriers are before all goals that the planner was given for poses."""
+    # Of a joint without limits, IK gives the nearest angle only; the next one may be on the other side of the start
+    every = np.concatenate([pose.q for pose in goals.poses])
+    if np.isinf([checker.group.limits.lower, checker.group.limits.upper]).any():
+        every, _ = with_turns(checker.group, start, every)
+        turned, of = with_turns(checker.group, start, goals.q)
+        goals = goals._replace(q=turned, of=goals.of[of])
+        planned = search.plan(checker, start, turned, **task)
+        if planned.status is not PlanStatus.IMPOSSIBLE:
+            return planned, goals
+    # It is a proof if barriers are before all solutions that exist, also those in contact with coarse bodies
+    known = all(pose.complete for pose in goals.poses) and len(every) != MAX_GOALS
+    if known and find_barriers(checker, start, every):
+        return planned, goals
+    reason = f"no path to an IK solution that is known: {'; '.join(map(str, planned.barriers))}. Others may be reached"
+    return planned.changed(status=PlanStatus.OUT_OF_BUDGET, message=reason, barriers=()), goals

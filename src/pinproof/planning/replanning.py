@@ -27,8 +27,9 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.common.results import Answer, Solution, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer, require_positive
-from pinproof.errors import PlanFailed
+from pinproof.errors import PlanFailed, TimingError
 from pinproof.motion import (
+    LIMIT_TOLERANCE,
     Bounds,
     CurvePart,
     MotionLimits,
@@ -39,7 +40,9 @@ from pinproof.motion import (
     TorqueLimits,
     Trajectory,
     checked_constraints,
+    inside_position_limits,
     least_times,
+    rate_excess,
     rest,
 )
 from pinproof.planning.moves import FreeMoves, trajectory_within
@@ -86,7 +89,7 @@ Certified = tuple[Trajectory, Certificate]
 class ReplanStatus(Enum):
     """The outcome of replanning."""
 
-    KEPT = "the rest of the running motion is proven free"
+    KEPT = "the rest of the running motion is proven free and keeps the given limits"
     CHANGED = "a new motion takes over, which does not stop before its goal"
     CHANGED_WITH_STOP = "a new motion takes over, which stops on its way to the goal"
     STOP = "no motion to a goal was found; a stop is proven free"
@@ -110,7 +113,7 @@ class Replan(Answer):
     goals: Array = key("(g, n) the goals")
     checker: CollisionChecker = key("that of the certificate, with finer bodies if ends touch only coarse ones")
     settings: Mapping[str, Any] = key("the keywords of the call, which :meth:`replan` repeats")
-    trajectory: Solution[Trajectory] = key("the motion; if UNPROVEN_STOP, the fastest stop", default=Solution())
+    trajectory: Solution[Trajectory] = key("the motion; if UNPROVEN_STOP, the fastest stop, if any", default=Solution())
     certificate: Solution[Certificate] = key("its certificate, FREE except for that stop", default=Solution())
 
     @property
@@ -212,11 +215,14 @@ def replan(
         checker = checker if checker.is_free(end) else checker.finer_at(end)
     kept, further = check_constraints(constraints), checked_constraints(rate_limits)
     proof = certify(remaining, checker, constraints=kept)
-    if proof.free and (np.abs(aims - running.end) <= SAME_GOAL).all(axis=1).any():
-        return result(ReplanStatus.KEPT, f"the running motion is kept: {proof.message}", now, (remaining, proof))
-    reason = "the running motion ends elsewhere" if proof.free else f"of the running motion, {_why(proof, now)}"
-    # The state in which a new motion takes over; the running motion must be free until then.
     bounds = Bounds.of(checker.group.limits if limits is None else limits, names, jerk)
+    compared = bounds if limits is not None else replace(bounds, acceleration=np.full(n, np.inf))
+    within = _keeps(running, now, compared, further)
+    if proof.free and within and (np.abs(aims - running.end) <= SAME_GOAL).all(axis=1).any():
+        return result(ReplanStatus.KEPT, f"the running motion is kept: {proof.message}", now, (remaining, proof))
+    elsewhere = "the running motion ends elsewhere" if within else "the running motion exceeds the given limits"
+    reason = elsewhere if proof.free else f"of the running motion, {_why(proof, now)}"
+    # The state in which a new motion takes over; the running motion must be free until then.
     if bounds.jerk is None:
         note = f"{bounds.note}; accelerations change within {RAMP:g} s"
         bounds = replace(bounds, jerk=bounds.acceleration / RAMP, note=note)
@@ -250,6 +256,19 @@ def _why(proof: Certificate, begin: float = 0.0) -> str:
     if (met := proof.first_contact) is None:
         return proof.message
     return f"{' and '.join(met.bodies)} are in contact at t = {begin + met.time:.3f} s"
+
+
+def _keeps(running: Trajectory, now: float, bounds: Bounds, rate_limits: Sequence[RateConstraint]) -> bool:
+    """Whether a motion keeps limits from a time on: of the joints, torques and the tool."""
+    left = running.bezier()[0][1:] > now
+    if left.any() and bounds.jerk is not None and running.interpolant == "cubic":  # its acceleration jumps
+        return False
+    try:
+        excess = [rate_excess(running, bounds)[left], *(limit.excess(running)[left] for limit in rate_limits)]
+    except TimingError:  # a constraint is violated even at rest
+        return False
+    largest = max(each.max(initial=0.0) for each in excess)
+    return bool(largest <= 1.0 + LIMIT_TOLERANCE) and inside_position_limits(running.after(now), bounds)
 
 
 def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[float, State]:
@@ -326,10 +345,12 @@ class _Continuation:
         """Stops that are free at samples: the fastest one, and others at random positions near its end."""
         if (fastest := self._fastest) is None:
             return
-        states = [fastest.state(0.0), *fastest.states(SAMPLE_TIME)]
-        if self._moves.steering.inside(fastest) and self._moves.free([state[0] for state in states]):
+        # Not by the extremes of ruckig: those of a stop contain 0, which may be outside the limits
+        q = np.array([fastest.state(0.0)[0], *(state[0] for state in fastest.states(SAMPLE_TIME))])
+        low, high = self.bounds.lower - LIMIT_TOLERANCE, self.bounds.upper + LIMIT_TOLERANCE
+        if ((low <= q) & (q <= high)).all() and self._moves.free(q):
             yield fastest
-        rng, end = np.random.default_rng(self.seed), np.array(states[-1][0])
+        rng, end = np.random.default_rng(self.seed), q[-1]
         for spread in np.resize(SPREADS, EVASIONS if fastest.duration > 0.0 else 0):
             away = spread * rng.standard_normal(len(end)) * (rng.random(len(end)) < EVADING)
             target = (end + away).clip(self.bounds.lower, self.bounds.upper)

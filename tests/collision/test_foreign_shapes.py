@@ -11,6 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 import pytest
 import trimesh
+from scipy.spatial import ConvexHull, Delaunay
 
 import pinproof as pp
 
@@ -121,9 +122,20 @@ def test_meshes_of_trimesh_and_open3d_are_meshes():
 def test_point_clouds_have_cells_of_two_centimetres():
     points = np.random.default_rng(0).uniform(-0.1, 0.1, (5000, 3))
     expected = pp.PointCloud(points, resolution=0.02)
-    for cloud in (points, trimesh.PointCloud(points), SimpleNamespace(points=list(points))):
+    of_open3d = type("PointCloud", (), {"points": list(points)})()
+    for cloud in (points, trimesh.PointCloud(points), of_open3d):
         assert pp.Obstacle("cloud", cloud).shape == expected
     assert pp.PointCloud(SimpleNamespace(points=points), resolution=0.02) == expected
+
+
+def test_an_object_that_is_more_than_its_points_is_no_point_cloud():
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (300, 3))
+    lines = trimesh.load_path(np.array([[[0, 0, 0], [0.01, 0, 0]], [[0.01, 0, 0], [0.01, 0.015, 0]]]))
+    voxels = trimesh.voxel.creation.voxelize(trimesh.creation.box((0.1, 0.1, 0.1)), 0.019)
+    tetrahedra = SimpleNamespace(vertices=points, tetras=[[0, 1, 2, 3]])
+    for thing in (ConvexHull(points), Delaunay(points), lines, voxels, tetrahedra, SimpleNamespace(points=points)):
+        with pytest.raises(pp.InputError, match=r"(?s)'thing'.*points \(N, 3\)"):
+            pp.Obstacle("thing", thing)
 
 
 def test_a_sparse_point_cloud_needs_the_size_of_its_cells():

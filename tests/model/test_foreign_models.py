@@ -224,6 +224,34 @@ def test_a_model_keeps_its_mimic_joints(zoo_text, tmp_path):
     assert again.forward_kinematics(again.home).isApprox(other.forward_kinematics(again.home), 1e-12)
 
 
+GEARED = """<robot name="gears"><link name="base"/><link name="wheel"/><link name="pinion"/>
+<joint name="turn" type="{leader}"><parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="follow" type="{follower}"><parent link="wheel"/><child link="pinion"/><origin xyz="0.1 0 0.2"/>
+<axis xyz="0.6 0 0.8"/><limit lower="-99" upper="99" velocity="1" effort="1"/>
+<mimic joint="turn" multiplier="{factor}" offset="0.3"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("factor", [50.0, 10.0, 7.0, -7.0, -2.5, 0.1, 0.001])
+@pytest.mark.parametrize(
+    ("leader", "follower"), [("revolute", "revolute"), ("revolute", "prismatic"), ("continuous", "continuous")]
+)
+def test_a_mimic_joint_of_a_model_follows_by_any_factor(leader, follower, factor):
+    model = pin.buildModelFromXML(GEARED.format(leader=leader, follower=follower, factor=factor), mimic=True)
+    arm, data = pp.load_robot(model).arm("wheel"), model.createData()
+    for angle in np.linspace(-1.0, 1.0, 9):
+        q = np.array([angle] if model.nq == 1 else [np.cos(angle), np.sin(angle)])
+        pin.framesForwardKinematics(model, data, q)
+        expected = data.oMf[model.getFrameId("pinion")]
+        assert arm.root_from_frame([angle], "pinion").isApprox(expected, 1e-9)
+
+
+def test_a_mimic_joint_of_a_model_with_the_factor_0_is_refused_by_name():
+    model = pin.buildModelFromXML(GEARED.format(leader="revolute", follower="revolute", factor=0), mimic=True)
+    with pytest.raises(pp.InputError, match="'follow'.*multiplier 0"):
+        pp.load_robot(model)
+
+
 @pytest.mark.parametrize("kind", ["Spherical", "FreeFlyer", "HX", "Planar", "Universal"])
 def test_a_joint_with_more_freedom_is_refused_by_name(kind):
     model = pin.Model()
@@ -259,6 +287,16 @@ def test_a_changed_yourdfpy_robot_is_loaded_as_it_is():
     moved = arm.frame_placement(q, "panda_link3").actInv(arm.frame_placement(q, "panda_link4"))
     assert moved.isApprox(LEAN * pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, q[3]), np.zeros(3)), 1e-12)
     assert not moved.isApprox(between, 1e-3)
+
+
+def test_a_yourdfpy_robot_keeps_its_mimic_joints(tmp_path):
+    file = tmp_path / "gears.urdf"
+    file.write_text(GEARED.format(leader="revolute", follower="revolute", factor=-2.5))
+    source = yourdfpy.URDF.load(str(file), load_meshes=False, build_scene_graph=True)
+    arm, other = (pp.load_robot(each).arm("wheel") for each in (file, source))
+    assert other.root_from_frame([0.7], "pinion").isApprox(arm.root_from_frame([0.7], "pinion"), 1e-12)
+    source.joint_map["follow"].mimic.multiplier = 3.0
+    assert pp.load_robot(source).urdf.joints["follow"].mimic.multiplier == 3.0
 
 
 @pytest.fixture

@@ -89,7 +89,7 @@ FRAMES = (pin.FrameType.BODY, pin.FrameType.OP_FRAME, pin.FrameType.SENSOR)
 """The frames that become links; those of joints only name the fixed joints."""
 
 STEP = 0.5
-"""Rad or m: the step of the leader from which the axis of a mimic joint follows."""
+"""Rad or m: the largest step of a mimic joint and of its leader from which the axis follows."""
 
 
 def urdf_of_model(model: pin.Model, geometry_model: Any = None) -> Urdf:
@@ -213,13 +213,17 @@ class _Conversion:
     def mimic_axis(self, joint: int, leader: int) -> tuple[Array, bool]:
         """The axis of a mimic joint, which Pinocchio does not state, from its motion when its leader moves."""
         model, kind = self.model, self.model.joints[joint]
-        step = np.zeros(model.nv)
-        step[model.joints[leader].idx_v] = STEP
+        factor = kind.extract().scaling
+        if factor == 0.0:
+            raise InputError(f"mimic joint {model.names[joint]!r} of the model has the multiplier 0; make it fixed")
+        # Neither joint may turn by more than half a turn, beyond which the angle is ambiguous.
+        step, moved = np.zeros(model.nv), STEP / max(1.0, abs(factor))
+        step[model.joints[leader].idx_v] = moved
         data, placements = kind.createData(), []
         for q in (pin.neutral(model), pin.integrate(model, pin.neutral(model), step)):
             kind.calc(data, q)
             placements.append(pin.SE3(data.M))
-        twist = pin.log6(placements[0].actInv(placements[1])).vector / (STEP * kind.extract().scaling)
+        twist = pin.log6(placements[0].actInv(placements[1])).vector / (moved * factor)
         linear, angular = twist[:3], twist[3:]
         prismatic = bool(np.abs(angular).max() < np.abs(linear).max())
         return (linear if prismatic else angular), prismatic
@@ -262,7 +266,11 @@ def _unused(name: str, taken: Any) -> str:
 def urdf_of_yourdfpy(source: Any, package_dirs: list[Path]) -> Urdf:
     """Return the description of a ``yourdfpy.URDF`` as it is now; meshes are the files that its handler names."""
     root, robot = source.write_xml().getroot(), source.robot
-    # its writer rounds the angles of some poses
+    # its writer leaves out which joints follow others, and rounds the angles of some poses
+    for element, joint in zip(root.findall("joint"), robot.joints, strict=True):
+        if joint.mimic is not None and element.find("mimic") is None:
+            factors = {name: repr(float(getattr(joint.mimic, name))) for name in ("multiplier", "offset")}
+            element.append(element.makeelement("mimic", {"joint": joint.mimic.joint, **factors}))
     for element, thing in _elements(root, robot):
         origin = element.find("origin")
         if origin is not None and thing.origin is not None:

@@ -509,9 +509,11 @@ def _shape(name: str, value: Any) -> Shape | _PlacedShape:
             what = f"{name} is a trimesh primitive whose triangles are inside of the {kind.__name__.lower()}"
             raise InputError(f"{what}; pass a pp.{kind.__name__}")
         return Mesh.from_arrays(np.asarray(value.vertices), np.asarray(getattr(value, named)))
-    points = next((getattr(value, name) for name in ("points", "vertices") if hasattr(value, name)), value)
-    if isinstance(value, np.ndarray) or points is not value:
-        return _cloud(name, points)
+    # The points of other objects, such as hulls, tetrahedra, lines and voxels, are not all of what is solid.
+    if any(each.__name__ == "PointCloud" for each in kind.__mro__):
+        return _cloud(name, value.points if hasattr(value, "points") else value.vertices)
+    if isinstance(value, np.ndarray):
+        return _cloud(name, value)
     valid = ", ".join(shape.__name__ for shape in SHAPES)
     others = "a geometry of coal, a mesh or point cloud of trimesh or Open3D, points (N, 3)"
     raise InputError(f"{name} is {value!r:.80}; valid: {valid}; {others}")

@@ -93,6 +93,13 @@ def test_a_pickle_of_a_result_is_small(make):
     assert len(pickle.dumps(make())) < LARGEST_RESULT
 
 
+def test_limits_stay_read_only_after_pickling():
+    limits = pickle.loads(pickle.dumps(parts()[0])).limits
+    for values in (limits.lower, limits.upper, limits.velocity):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 100.0
+
+
 def test_other_contents_are_other_values():
     arm, checker, path = parts()
     post = checker.scene["post"]

@@ -656,3 +656,10 @@ def test_a_mapping_to_points_that_are_not_the_farthest_is_refused() -> None:
         pp.ConvexShape.from_support(of_ellipsoid(np.ones(3)), error=1e-6)
     with pytest.raises(pp.InputError, match="farthest"):
         pp.ConvexShape.from_support(lambda d: np.zeros(2), error=1e-2)
+
+
+def test_directions_that_fall_into_one_plane_are_refused_by_the_error():
+    above = np.random.default_rng(1).normal(size=(8, 3)) * 0.2
+    plate = (np.concatenate([above, above + np.array([0, 0, 1e-5])]) * [1, 1, 1e-3]).round(8)
+    with pytest.raises(pp.InputError, match=r"error = 0\.0001 m"):
+        pp.ConvexShape.from_support(lambda d: plate[np.argmax(plate @ d)], error=1e-4)

@@ -248,7 +248,7 @@ def test_a_mimic_joint_of_a_model_follows_by_any_factor(leader, follower, factor
 
 def test_a_mimic_joint_of_a_model_with_the_factor_0_is_refused_by_name():
     model = pin.buildModelFromXML(GEARED.format(leader="revolute", follower="revolute", factor=0), mimic=True)
-    with pytest.raises(pp.InputError, match="'follow'.*multiplier 0"):
+    with pytest.raises(pp.InputError, match=r"'follow'.*multiplier 0"):
         pp.load_robot(model)
 
 

@@ -139,7 +139,10 @@ class ConvexShape(ByContent):
             found = np.array(list(known.values()))
             for d, at in zip(triangles, touching, strict=True):
                 offsets = np.einsum("ij,ij->i", d, at)
-                meeting = at[0] + np.linalg.solve(d, offsets - d @ at[0])
+                try:
+                    meeting = at[0] + np.linalg.solve(d, offsets - d @ at[0])
+                except np.linalg.LinAlgError:
+                    raise InputError(f"error = {error:g} m needs directions in one plane; enlarge it") from None
                 # Its distance from a point of the triangle of the x_i, or from any x, is at least that from their hull.
                 shares = np.linalg.lstsq((at[1:] - at[0]).T, meeting - at[0], rcond=None)[0]
                 weights = np.maximum([1.0 - shares.sum(), *shares], 0.0)

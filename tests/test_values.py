@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
@@ -13,6 +16,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import Attachments, Cone, ConvexShape, HeightMap
+from pinproof.common import results
 from pinproof.common.results import same_values
 
 LARGEST_RESULT = 8_000
@@ -144,3 +148,32 @@ def test_a_pickled_plan_has_no_checker():
     assert again.path == pp.RrtConnect().plan(checker, path.q[0], path.q[1]).path
     with pytest.raises(pp.NoAnswer, match="no checker"):
         _ = again.checker
+
+
+@pytest.mark.slow
+def test_a_pickled_arm_is_found_in_a_dictionary_of_another_process(tmp_path):
+    arm = parts()[0]
+    known = {arm: "ur5"}  # which makes its hash
+    (tmp_path / "arm.pickle").write_bytes(pickle.dumps(arm))
+    program = (
+        "import pickle, pathlib, sys, pinproof as pp\n"
+        "arm = pickle.loads(pathlib.Path(sys.argv[1]).read_bytes())\n"
+        "print({pp.load_robot('ur5').arm(tcp='tool0'): 'ur5'}.get(arm))"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "arm.pickle")]
+    shown = subprocess.run(
+        command, env=os.environ | {"PYTHONHASHSEED": "7"}, capture_output=True, text=True, check=True
+    )
+    assert shown.stdout.split() == [known[arm]]
+
+
+def test_equal_arms_are_compared_by_hashes_that_are_made_once(monkeypatch):
+    one, other = (pp.load_robot("ur5").arm(tcp="tool0") for _ in range(2))
+    assert one == other
+    slower = other.with_limits(replace(other.limits, velocity=other.limits.velocity / 2))
+    held = pp.load_robot("panda").arm(tcp="panda_hand")
+    assert held != held.with_held({"panda_finger_joint1": 0.01})
+    assert one != slower
+    monkeypatch.setattr(results, "_written", None)
+    assert one == other
+    assert {one: 1}[other] == 1

@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.common.files import write_text_whole
-from pinproof.common.results import Rows, Shown, View
+from pinproof.common.results import Identified, Rows, View
 from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
@@ -84,7 +84,7 @@ ENDS_READ_ONLY = "the arms of a joint group are read-only; robot.arms() makes ot
 HOME_READ_ONLY = "the home of a robot is read-only; pass the configuration where it is needed"
 
 
-class JointGroup(Shown):
+class JointGroup(Identified):
     """Joints of a robot that are planned, certified and timed together, with the tcps of one or several arms.
 
     Created by :meth:`pinproof.Robot.arms` and :func:`pinproof.assemble`; :class:`Arm` is the group of a single arm. The
@@ -405,13 +405,19 @@ class JointGroup(Shown):
     def _values(self) -> tuple[object, ...]:
         return self.robot, self.ends, self.limits, self.held
 
-    def __hash__(self) -> int:
-        return hash(self.joint_names)
+    @cached_property
+    def _hash(self) -> int:  # of what differs between the arms of a robot, so that they are seldom compared
+        limits = self.limits
+        return hash((self.joint_names, limits.lower.tobytes(), limits.upper.tobytes(), frozenset(self.held.items())))
 
-    __eq__ = Shown.__eq__
+    def __hash__(self) -> int:
+        return self._hash
+
+    __eq__ = Identified.__eq__
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_threads"}
+        left_out = ("_threads", "_hash", "_digest")  # the hashes are not those of a changed copy, or of another process
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -563,7 +569,7 @@ def _for_all(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.ArrayLike:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot(Shown):
+class Robot(Identified):
     """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`.
 
     Parameters
@@ -598,7 +604,7 @@ class Robot(Shown):
     def __hash__(self) -> int:
         return hash(self.urdf.text)
 
-    __eq__ = Shown.__eq__
+    __eq__ = Identified.__eq__
 
     def __post_init__(self) -> None:
         where = self.urdf.path or self.urdf.name

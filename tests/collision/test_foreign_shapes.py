@@ -163,3 +163,23 @@ def test_a_geometry_model_is_a_scene_at_a_configuration(gantry):
         pp.Scene.from_geometry_model(geometry)
     geometry.removeGeometryObject("wall")
     assert pp.Scene.from_geometry_model(geometry).is_close(scene.remove("wall"))
+
+
+def test_placements_of_a_geometry_model_are_given_once_and_completely():
+    model, geometry = pin.Model(), pin.GeometryModel()
+    joint = model.addJoint(0, pin.JointModelRZ(), POSE, "turn")
+    geometry.addGeometryObject(pin.GeometryObject("wall", joint, POSE, coal.Box(0.3, 0.2, 0.1)))
+    placed = geometry.createData()
+    pin.updateGeometryPlacements(model, model.createData(), geometry, placed, np.array([0.7]))
+    with pytest.raises(pp.InputError, match="one of them"):  # those of data may be of another configuration
+        pp.Scene.from_geometry_model(geometry, placed, model=model, q=[0.2])
+    for data in (model.createData(), pin.GeometryModel().createData()):
+        with pytest.raises(pp.InputError, match=r"GeometryData.*1 objects"):
+            pp.Scene.from_geometry_model(geometry, data)
+    for q in ([0.2, 0.3], "home", [np.nan]):
+        with pytest.raises(pp.InputError, match="q "):
+            pp.Scene.from_geometry_model(geometry, model=model, q=q)
+    with pytest.raises(pp.InputError, match="geometry_model"):
+        pp.Scene.from_geometry_model(model, model=model, q=[0.2])
+    with pytest.raises(pp.InputError, match="model"):
+        pp.Scene.from_geometry_model(geometry, model="ur5", q=[0.2])

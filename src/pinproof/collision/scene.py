@@ -16,8 +16,9 @@ from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.files import read_yaml, write_yaml
 from pinproof.common.results import ByValue, Rows, Shown, View, shortened
 from pinproof.common.structs import ANY_TEXT, Accepting, errors_of, key, list_of, plain, simple, struct, table_of
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, SceneError, UnknownNameError
-from pinproof.spatial import SE3, matrix, rigid, xyz_rpy
+from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 from pinproof.units import MOST_REACH
 
 SHAPE_WIDTH = 60
@@ -205,12 +206,19 @@ class Scene(Mapping[str, Obstacle], Shown):
         Raises
         ------
         InputError
-            If an object moves with a joint and its placement is not given, or its geometry is not supported.
+            If an object moves with a joint and its placement is not given, or given twice, or its geometry is not
+            supported.
         """
+        require_type("geometry_model", geometry_model, pin.GeometryModel)
         objects = geometry_model.geometryObjects
-        if data is None and model is not None and q is not None:
-            data = pin.GeometryData(geometry_model)
-            pin.updateGeometryPlacements(model, model.createData(), geometry_model, data, np.asarray(q, dtype=float))
+        if data is not None and not (model is None and q is None):
+            raise InputError("the placements are those of data, or those of model at q; pass one of them")
+        if data is not None and len(getattr(data, "oMg", ())) != len(objects):
+            raise InputError(f"data must be a pinocchio.GeometryData with the placements of {len(objects)} objects")
+        if model is not None and q is not None:
+            require_type("model", model, pin.Model)
+            at, data = finite("q", q, (model.nq,)), pin.GeometryData(geometry_model)
+            pin.updateGeometryPlacements(model, model.createData(), geometry_model, data, at)
         if data is None and (moved := [thing.name for thing in objects if thing.parentJoint]):
             raise InputError(f"geometry {moved[0]!r} moves with a joint; pass data, or model and q, for its placement")
         poses = [thing.placement for thing in objects] if data is None else data.oMg

@@ -140,6 +140,9 @@ def test_a_pickled_proof_is_saved_with_its_checker(tmp_path):
     assert pp.verify_proof(tmp_path / "proof.json").ok
     with pytest.raises(pp.InputError, match="not for"):
         again.with_checker(pp.CollisionChecker(checker.group))
+    for other in (checker.with_margin(0.001), checker.allowing(("wrist_3_link", "post"))):
+        with pytest.raises(pp.InputError, match="not for"):
+            again.with_checker(other)
 
 
 def test_a_pickled_plan_has_no_checker():

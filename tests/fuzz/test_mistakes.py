@@ -165,7 +165,7 @@ def given() -> SimpleNamespace:
         (lambda g: g.checker.with_scene(None), "scene must be of type Scene, not None"),
         (lambda _: pp.CollisionChecker("ur5"), "arm must be of type JointGroup, not 'ur5'"),
         (lambda _: pp.Scene(["table"]), "must be of type Obstacle, not 'table'"),
-        (lambda _: pp.load_robot(None), "source must be of type str or PathLike or DhTable, not None"),
+        (lambda _: pp.load_robot(None), "source must be a name of the catalogue"),
         (lambda g: pp.certify(None, g.checker), "the curve must be a curve, such as a JointPath"),
         (lambda g: pp.certify(g.path, None), "checker must be of type CollisionChecker"),
         (lambda g: pp.time_parametrise(g.path, None), "limits must be JointLimits, such as arm.limits"),

@@ -417,6 +417,17 @@ def test_a_contact_of_the_hull_alone_proves_nothing(tmp_path):
     assert find_barriers(checker, LOW, np.array([[0.5, 0, 0], HIGH])) == ()
 
 
+def test_a_goal_that_is_free_with_finer_bodies_is_reachable_although_another_one_is_behind_a_barrier(tmp_path):
+    bars = [trimesh.creation.box(bounds=[(x - 0.02, -0.1, -0.02), (x + 0.02, 0.1, 0.02)]) for x in (-0.08, 0.08)]
+    trimesh.util.concatenate(bars).export(tmp_path / "rack.stl")
+    rack, at = lift(f'<mesh filename="{tmp_path / "rack.stl"}"/>'), np.array([0.25, 0, 0])
+    checker = checker_of(rack, ROD, box("wide", (0.4, 0.05, 0.02), 0, 0.6, 0.4), margin=0.001)
+    assert not checker.is_free(at)
+    assert checker.finer_at(at).is_free(at)
+    assert BUDGET.plan(checker, LOW, HIGH).status is PlanStatus.IMPOSSIBLE
+    assert BUDGET.plan(checker, LOW, [HIGH, at]).status is PlanStatus.OUT_OF_BUDGET
+
+
 def test_a_certificate_is_made_when_it_is_read_and_no_path_is_found_that_is_not_proven(ur5, monkeypatch):
     post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.55, 0.0, 0.5)))
     checker = pp.CollisionChecker(ur5, pp.Scene([post]))

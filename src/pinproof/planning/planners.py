@@ -21,7 +21,7 @@ from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.plan_results import PlanResult, PlanStatus
-from pinproof.planning.problem import find_barriers, no_path, read_ends
+from pinproof.planning.problem import no_path, read_ends
 from pinproof.planning.rrt_connect import SAME_GOAL, RrtConnect
 from pinproof.spatial import Array
 
@@ -116,7 +116,7 @@ class CertifiedPlanner:
             reason = answer.message or f"no path was found ({answer.status.name})"
             if answer.status is PlanStatus.CANCELLED:
                 return result(PlanStatus.CANCELLED, reason)
-            if barriers := find_barriers(checker, ends.start, ends.goals):
+            if barriers := ends.barriers():
                 return result(**no_path(barriers))
             return result(PlanStatus.OUT_OF_BUDGET, reason)
         # A path: from the start to a goal, through the joints of the arm

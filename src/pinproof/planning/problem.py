@@ -171,6 +171,15 @@ class Ends:
         "the torques that hold the arm at rest at the start and the goals are within these limits; None for no limits",
         default=None,
     )
+    in_coarse_contact: tuple[Array, ...] = key("further goals (n,), which may be free with finer bodies", default=())
+
+    def barriers(self) -> tuple[Barrier, ...]:
+        """The barriers between the start and every goal, those that are free only with finer bodies included."""
+        found, checker = find_barriers(self.checker, self.start, self.goals), self.checker
+        if not found:
+            return ()
+        finer = [q for q in self.in_coarse_contact if checker.finer_at(q).is_free_unchecked(q)]
+        return find_barriers(checker, self.start, np.array([*self.goals, *finer])) if finer else found
 
 
 def with_turns(arm: JointGroup, start: Array, goals: Array) -> tuple[Array, list[int]]:
@@ -272,6 +281,7 @@ def read_ends(
         return np.asarray(rows[checker.is_free_batch(many[rows])]).tolist()
 
     rows = valid()
+    coarse = tuple(many[np.setdiff1d(np.flatnonzero(inside), rows)]) if rows else ()
     if not rows:
         for goal, ok in zip(given, inside, strict=False):  # finer bodies are no remedy for what else is violated
             checker = checker.finer_at(goal) if ok else checker
@@ -287,7 +297,7 @@ def read_ends(
             more = f"; and {len(ends) - MAX_REPORTED} more" if len(ends) > MAX_REPORTED else ""
             message = f"no goal is valid: {reasons}{more}"
         return _failed(PlanStatus.GOAL_INVALID, message, checker, ends)
-    return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits)
+    return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns, torque_limits, coarse)
 
 
 def _violations(

@@ -33,7 +33,6 @@ from pinproof.planning.plan_results import PlanProgress, PlanResult, PlanStatus,
 from pinproof.planning.problem import (
     Edges,
     Ends,
-    find_barriers,
     manifold_of,
     no_path,
     read_ends,
@@ -309,7 +308,7 @@ class ConnectSearch:
         if self._barriers_tried:
             return None
         self._barriers_tried = True
-        barriers = find_barriers(self._checker, self._given.start, self._given.goals)
+        barriers = self._given.barriers()
         if not barriers:
             return None
         gap = self._core.distance_of_trees()

@@ -499,5 +499,6 @@ class Constraint:
         angle = angle_above(length(cross(image, cone[:, None])).upper, along.lower).max(axis=1)
         shortest = along.least(axis=1)
         # asin(rest / shortest), by the third side of the triangle
-        side = np.sqrt(np.maximum((shortest - rest).lower * (shortest + rest).lower, 0.0)) * (1.0 - 4 * UNIT_ROUNDOFF)
+        least, most = (np.maximum(part.lower, 0.0) for part in (shortest - rest, shortest + rest))
+        side = np.sqrt(least * most) * (1.0 - 4 * UNIT_ROUNDOFF)
         return np.asarray(np.nextafter(angle + angle_above(rest.upper, side), np.inf))

@@ -366,8 +366,9 @@ class Certificate(Shown):
         "at the end of this one",
         default=False,
     )
-    subject: tuple[Curve, CollisionChecker | None] | None = key(
-        "the curve and checker of a recorded certificate, for :meth:`save`. A pickle leaves out the checker",
+    subject: tuple[Curve, CollisionChecker | str] | None = key(
+        "the curve and checker of a recorded certificate, for :meth:`save`. A pickle has the fingerprint of the "
+        "checker in its place",
         default=None,
         compare=False,
     )
@@ -394,8 +395,10 @@ class Certificate(Shown):
     )
 
     def __getstate__(self) -> dict[str, Any]:
-        curve = self.subject and (self.subject[0], None)
-        return {**self.__dict__, "subject": curve}
+        if self.subject is None:
+            return self.__dict__
+        curve, checker = self.subject
+        return {**self.__dict__, "subject": (curve, checker if isinstance(checker, str) else checker.fingerprint())}
 
     def with_checker(self, checker: CollisionChecker) -> Certificate:
         """Return a recorded certificate with its checker, which a pickle leaves out, to save or reuse the proof.
@@ -403,11 +406,16 @@ class Certificate(Shown):
         Raises
         ------
         InputError
-            If the certificate is not for the setup of the checker.
+            If the certificate is not for the setup, the pairs and the margins of the checker.
         """
         if setup_of(checker).hash != self.setup:
             raise InputError("the certificate is not for the arm, the scene and the attached objects of this checker")
-        return replace(self, subject=self.subject and (self.subject[0], checker))
+        if self.subject is None:
+            return self
+        curve, known = self.subject
+        if (known if isinstance(known, str) else known.fingerprint()) != checker.fingerprint():
+            raise InputError("the certificate is not for the bodies, the pairs and the margins of this checker")
+        return replace(self, subject=(curve, checker))
 
     def recorded(self, purpose: str) -> tuple[Array, Curve, CollisionChecker]:
         """Return the evidence, the curve and the checker; InputError with the ``purpose`` if one is missing."""
@@ -415,7 +423,7 @@ class Certificate(Shown):
             what = f"this certificate has no evidence; create it with certify(..., record=True) to {purpose} it"
             raise InputError(what)
         curve, checker = self.subject
-        if checker is None:
+        if isinstance(checker, str):
             what = "a pickle of a certificate leaves out its checker; certificate.with_checker(checker) adds it"
             raise InputError(f"{what}, to {purpose} it")
         return self.evidence, curve, checker

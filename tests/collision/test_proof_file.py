@@ -128,6 +128,13 @@ def test_an_arm_with_nothing_to_touch(tmp_path, slider, path):
     assert verdict.clearance == np.inf
 
 
+def test_a_value_that_is_no_curve_is_refused(tmp_path, slider, path):
+    checker = pp.CollisionChecker(slider)
+    _, file = saved(tmp_path, path(slider, [0.0], [0.1]), checker)
+    with pytest.raises(pp.InputError, match="must be a curve"):
+        pp.verify_proof(file, checker, "motion.json")
+
+
 def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
     curve = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
     for name in ("a.json", "b.json", "a.json.gz", "b.json.gz"):

@@ -665,7 +665,7 @@ def verify_proof(
     FileError
         If the file cannot be read, or holds no JSON.
     InputError
-        If ``constraints`` are given without ``checker``, which defines the tcp.
+        If ``curve`` is no curve, or ``constraints`` are given without ``checker``, which defines the tcp.
     """
     if constraints and checker is None:
         raise InputError("constraints are compared in the frame of the tcp; give a checker too")
@@ -712,6 +712,8 @@ def verify_proof(
     if curve is None:
         not_compared.append("the motion")
     else:
+        if not callable(getattr(curve, "bezier", None)):
+            raise InputError(f"the curve must be a curve, such as the trajectory of a motion, not {curve!r:.80}")
         reasons += _other_curve(proof, curve)
         compared.append("the motion")
     rest = len(reasons) - SHOWN

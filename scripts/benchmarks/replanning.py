@@ -1,4 +1,4 @@
-"""Benchmark of replanning: motions of the Panda in MotionBenchMaker's scenes, in whose way an obstacle appears.
+"""Benchmark of replanning: motions of the Panda in MotionBenchMaker's scenes, on whose path an obstacle appears.
 
 ./scripts/benchmark replanning --mbm FOLDER              outcomes, durations and processor times
 ./scripts/benchmark replanning --mbm FOLDER --runs 0     without processor times
@@ -41,7 +41,7 @@ NOW, RADII, BESIDE = (0.1, 0.6), (0.04, 0.08), 0.03
 later place of the tool."""
 
 DRAWS = 300
-"""Random balls until one is in the way: the arm and the end of its motion are free, but not the rest of the motion."""
+"""Random balls until one blocks the rest of the motion, but not the arm and the end of its motion."""
 
 STEP, AUDIT_STEP, ROUNDING = 2e-4, 0.01, 2e-15
 """Seconds between samples of a motion, rad between samples that coal checks, and rounding error of a position."""
@@ -50,7 +50,7 @@ STEP, AUDIT_STEP, ROUNDING = 2e-4, 0.01, 2e-15
 def with_obstacle(
     problem: PlanProblem, motion: pp.MotionPlan, rng: np.random.Generator
 ) -> tuple[float, pp.Obstacle, float] | None:
-    """A time, a ball that then appears in the way of the motion, and the seconds until contact; None without one."""
+    """A time, a ball that then appears on the path of the motion, and the seconds until contact; None without one."""
     running, checker = motion.trajectory, motion.checker
     for _ in range(DRAWS):
         now = float(rng.uniform(*NOW) * running.duration)
@@ -88,7 +88,7 @@ def faults_of(running: pp.Trajectory, result: Replan, bounds: Bounds) -> Iterato
 
 
 def measure_case(problem: PlanProblem, variant: str, seed: int, runs: int) -> Row | None:
-    """Replan one motion; None without a motion or an obstacle in its way."""
+    """Replan one motion; None without a motion or an obstacle on its path."""
     limits = problem.group.limits
     ramp = VARIANTS[variant]
     jerk = None if ramp is None else limits.acceleration / ramp

@@ -315,7 +315,7 @@ def named_description(name: str) -> Any:
 
 
 def description_files(module: Any) -> tuple[Path, Path | None, list[Path], Mapping[str, str]] | None:
-    """The file of a module of robot_descriptions, its SRDF, package folders and xacro arguments; None if it is none."""
+    """The file of a module of robot_descriptions, its SRDF, package folders and xacro arguments; None for others."""
     path = next(filter(None, (getattr(module, f"{kind}_PATH", None) for kind in ("URDF", "XACRO", "MJCF"))), None)
     if path is None:
         return None

@@ -124,7 +124,7 @@ class SampledMotion:
     def refine(self, deviation: float, most: int) -> bool:
         """Halve intervals until none deviates by more than this (rad or m); False if more than ``most`` are needed."""
         while True:
-            # a bound that two neighbouring samples violate is none
+            # two neighbouring samples must not violate the bound
             distance, reach = np.abs(np.diff(self.q, axis=0)), self._reach
             excess = distance - reach - ROUNDING * (1.0 + np.abs(self.q).max())
             i, j = np.unravel_index(int(excess.argmax()), excess.shape)

@@ -105,7 +105,7 @@ def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) ->
     Raises
     ------
     InputError
-        If the goal is none of the kinds of :data:`Goal`, or for another arm.
+        If the goal is of another kind than :data:`Goal`, or for another arm.
     """
     poses: tuple[GoalPose, ...]
     if isinstance(goal, IkBranches):

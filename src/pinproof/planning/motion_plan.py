@@ -41,7 +41,7 @@ UNREACHABLE = PlanStatus.GOAL_UNREACHABLE
 
 @described(eq=False)
 class MotionPlan(Answer):
-    """A planned and certified motion, or the reason why there is none."""
+    """A planned and certified motion, or the reason of the failure."""
 
     failure = PlanFailed
     status: PlanStatus = key("FOUND if there is a motion that is proven FREE, else the reason")

@@ -91,7 +91,7 @@ class ReplanStatus(Enum):
 
     KEPT = "the rest of the running motion is proven free and keeps the given limits"
     CHANGED = "a new motion takes over, which does not stop before its goal"
-    CHANGED_WITH_STOP = "a new motion takes over, which stops on its way to the goal"
+    CHANGED_WITH_STOP = "a new motion takes over, which stops before the goal"
     STOP = "no motion to a goal was found; a stop is proven free"
     UNPROVEN_STOP = "no motion to a goal was found, and no stop is proven free"
     OFF_MOTION = "the measured position deviates from the running motion by more than the tolerance"
@@ -278,7 +278,7 @@ def _takeover(running: Trajectory, earliest: float, bounds: Bounds) -> tuple[flo
         at = min(time, running.duration)
         q, velocity, acceleration = running(at), running.velocity(at), running.acceleration(at)
         if at == running.duration:
-            acceleration = np.zeros_like(q)  # the arm rests from there on
+            acceleration = np.zeros_like(q)  # the arm rests afterwards
         state = q.tolist(), velocity.tolist(), acceleration.tolist()
         first = first or (time, state)
         # The velocity when the acceleration has become zero: below the limit, or not above the present one.

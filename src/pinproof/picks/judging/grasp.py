@@ -109,7 +109,7 @@ def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
 
 def _reached(task: PickTask, members: list[Member], targets: list[SE3], row: Indices, q: Array) -> Reached:
     """The result with configurations."""
-    shown = 1 if task.cell.trial else 8  # of a trial, nobody reads the error
+    shown = 1 if task.cell.trial else 8  # the error of a trial is not shown
     pairs = zip(row[:shown], q[:shown], strict=True)
     off = max(twist_size(targets[i], task.arm.forward_kinematics(each))[0] for i, each in pairs)
     spread = f" for {len(members)} grasps" if len(members) > 1 else ""

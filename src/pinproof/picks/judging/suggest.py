@@ -225,7 +225,7 @@ class Change:
     """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
 
     ``early`` marks the few candidates that are judged first if the budget is less than their number. Most candidates
-    are never looked at, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
+    are never checked, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
     it also returns the displacements (3,) of the tip in the root frame (m), at the grasp and at the release, and they
     are screened without the changed pick.
     """

@@ -330,7 +330,7 @@ class PickTask:
         # Fingers, cup or tip are where the part is
         part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
         if cell.trial and cell.fingers and too_far_to_hold(cell.fingers, part, limits):
-            grip = GripResult(held=False, message="the closed fingers do not reach the part")  # which nobody reads
+            grip = GripResult(held=False, message="the closed fingers do not reach the part")  # is not shown
         elif cell.fingers:
             grip = grip_by_fingers(cell.fingers, part, along, limits)
         elif shared.cup is not None:

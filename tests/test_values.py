@@ -18,6 +18,7 @@ import pinproof as pp
 from pinproof.collision import Attachments, Cone, ConvexShape, HeightMap
 from pinproof.common import results
 from pinproof.common.results import same_values
+from pinproof.ik import IkBranches
 
 LARGEST_RESULT = 8_000
 """Bytes; a checker has several hundred thousand."""
@@ -40,6 +41,11 @@ def tetrahedron() -> pp.Mesh:
     )
 
 
+def branches_of(name: str) -> IkBranches:
+    arm = pp.load_robot(name).arm()
+    return pp.AnalyticIk(position_tolerance=1e-8).solve_all(arm, arm.forward_kinematics(arm.home + 0.1))
+
+
 VALUES: dict[str, Callable[[], Any]] = {
     "robot": lambda: pp.load_robot("ur5"),
     "arm": lambda: pp.load_robot("ur5").arm(tcp="tool0"),
@@ -57,6 +63,9 @@ VALUES: dict[str, Callable[[], Any]] = {
     "payload": lambda: pp.Payload(2.0, [0, 0, 0.1]),
     "path": lambda: pp.JointPath(np.eye(3), ("a", "b", "c")),
     "trajectory": lambda: pp.time_parametrise(parts()[2], parts()[0].limits),
+    "IK branches": lambda: branches_of("ur5"),
+    "some IK branches": lambda: branches_of("ur5").free(lambda q: q[0] > 0).free(lambda q: q[4] > 0),
+    "IK branches of a redundant arm": lambda: branches_of("iiwa14"),
     "DH table": lambda: pp.urdf_to_dh(parts()[0], convention="standard"),
 }
 
@@ -143,6 +152,21 @@ def test_a_pickled_proof_is_saved_with_its_checker(tmp_path):
     for other in (checker.with_margin(0.001), checker.allowing(("wrist_3_link", "post"))):
         with pytest.raises(pp.InputError, match="not for"):
             again.with_checker(other)
+
+
+@pytest.mark.parametrize("name", ["IK branches", "some IK branches", "IK branches of a redundant arm"])
+def test_pickled_branches_are_the_same_solutions(name):
+    branches = VALUES[name]()
+    again = pickle.loads(pickle.dumps(branches))
+    assert len(branches) > 0
+    assert np.array_equal(again.q, branches.q)
+    assert np.array_equal(again.errors, branches.errors)
+    assert (again.complete, again.outside, again.intervals) == (
+        branches.complete,
+        branches.outside,
+        branches.intervals,
+    )
+    assert branches != branches.free(lambda q: False)
 
 
 def test_a_pickled_plan_has_no_checker():

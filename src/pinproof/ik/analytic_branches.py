@@ -13,11 +13,11 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.common.results import Rows, View
 from pinproof.common.structs import described, key
-from pinproof.ik.analytic_plan import Plan
-from pinproof.ik.analytic_self_motion import IkFamily, families_of
+from pinproof.ik.analytic_plan import Plan, plan_for
+from pinproof.ik.analytic_self_motion import IkFamily, branches_elsewhere, families_of
 from pinproof.ik.result import TURN, IkAnswer, nearest_winding
 from pinproof.model import AT_LIMIT, Arm
-from pinproof.spatial import Array
+from pinproof.spatial import Array, rigid
 from pinproof.units import far_hint
 
 END = 1e-9
@@ -124,6 +124,7 @@ class IkBranches(IkAnswer):
     """
 
     _branches: Array | None = None  # computed when first read
+    _selected: tuple[int, ...] | None = None  # the indices that remain of all branches; None for all
 
     def __init__(
         self,
@@ -137,6 +138,23 @@ class IkBranches(IkAnswer):
     ) -> None:
         self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
         self._found, self.grid, self.intervals = found, grid, intervals
+
+    @classmethod
+    def solved(cls, arm: Arm, plan: Plan, target: Array, reference: Array, grid: Array | None = None) -> IkBranches:
+        """All branches; ``grid`` are the values of the redundant joint, for an arm with one."""
+        if grid is not None:
+            return cls(arm, plan, target, reference, *sweep(plan, target, reference, grid), grid)
+        found = plan.core.solve(target, reference)
+        if found is None or (found.all_free_joints and not len(found)):
+            rigid("target", target)  # raises with the reason
+            found = branches_elsewhere(arm, plan, target, reference)
+        return cls(arm, plan, target, reference, found)
+
+    def _values(self) -> tuple[object, ...]:
+        return self.arm, self._plan.tolerances, self.target, self.reference, self.grid, self._selected
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _solved_again, self._values()  # the objects of the core are not pickled
 
     @property
     def branches(self) -> Array:
@@ -274,9 +292,13 @@ class IkBranches(IkAnswer):
 
         Rotations by 2 pi do not change the pose of any link, so they are accepted or rejected together.
         """
-        taken = [i for i, branch in enumerate(self.branches) if accept(branch.copy())]
-        found = self._found.select(taken)
-        return IkBranches(self.arm, self._plan, self.target, self.reference, found, self.intervals, self.grid)
+        return self._select([i for i, branch in enumerate(self.branches) if accept(branch.copy())])
+
+    def _select(self, indices: list[int]) -> IkBranches:
+        found = self._found.select(indices)
+        some = IkBranches(self.arm, self._plan, self.target, self.reference, found, self.intervals, self.grid)
+        some._selected = tuple(indices if self._selected is None else (self._selected[i] for i in indices))
+        return some
 
     def __len__(self) -> int:
         return len(self.q)
@@ -290,6 +312,18 @@ class IkBranches(IkAnswer):
         columns = ("branch", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
         title = f"IK branches of {self.arm.robot.name} (rad or m): {self.message}"
         return View(self.message, [Rows(columns, rows, len(self))], title=title)
+
+
+def _solved_again(
+    arm: Arm,
+    tolerances: tuple[float, float],
+    target: Array,
+    reference: Array,
+    grid: Array | None,
+    selected: tuple[int, ...] | None,
+) -> IkBranches:
+    every = IkBranches.solved(arm, plan_for(arm, *tolerances), target, reference, grid)
+    return every if selected is None else every._select(list(selected))
 
 
 @described(eq=False)

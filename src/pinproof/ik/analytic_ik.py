@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.common.validation import Rng, random_generator, require_integer, require_positive, require_type
 from pinproof.errors import InputError
-from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch, sweep, sweep_many
+from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch, sweep_many
 from pinproof.ik.analytic_plan import Plan, plan_for
 from pinproof.ik.analytic_self_motion import SelfMotion, branches_elsewhere, self_motion_of
 from pinproof.ik.iterative import Accept
@@ -106,12 +106,8 @@ class AnalyticIk:
             target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)
         if plan.redundant is not None:
             target, grid = np.array(rigid("target", target).homogeneous), self._grid(arm, plan, reference)
-            return IkBranches(arm, plan, target, reference, *sweep(plan, target, reference, grid), grid)
-        found = plan.core.solve(target, reference)
-        if found is None or (found.all_free_joints and not len(found)):
-            rigid("target", target)  # raises with the reason
-            found = branches_elsewhere(arm, plan, target, reference)
-        return IkBranches(arm, plan, target, reference, found)
+            return IkBranches.solved(arm, plan, target, reference, grid)
+        return IkBranches.solved(arm, plan, target, reference)
 
     def solve_all_batch(
         self,

@@ -302,6 +302,7 @@ class Plan:
     deviation: float  # of the axes from the ideal geometry (rad, or fraction of the arm's size); 0 within rounding
     home: Array  # (n,) the default reference configuration
     capacity: int  # number of rows for branches in a batch
+    tolerances: tuple[float, float] = UNCHECKED  # of a solution, in m and rad
 
     def solve(self, target: Array, reference: Array, value: float = 0.0) -> _core.Branches:
         """The branches for a pose (4, 4), at a value of the redundant joint of an arm of seven joints.
@@ -317,7 +318,8 @@ class Plan:
     def with_tolerances(self, position: float, orientation: float) -> Plan:
         """A copy of the plan for tolerances in m and rad."""
         virtual = max(VIRTUAL_TOLERANCE, 100.0 * self.deviation, 100.0 * max(position, orientation))
-        return replace(self, core=self.core.with_tolerances(position, orientation, virtual))
+        core = self.core.with_tolerances(position, orientation, virtual)
+        return replace(self, core=core, tolerances=(position, orientation))
 
     def without_limits(self) -> Plan:
         """A copy of the plan for joints without limits."""

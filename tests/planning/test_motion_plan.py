@@ -368,3 +368,12 @@ def test_show_serves_the_motion(to_pose):
 
 def test_a_goal_in_degrees_is_recognised(checker):
     assert "90 degrees" in pp.plan(checker, START, [90.0, -90.0, 90.0, 0.0, 0.0, 0.0]).message
+
+
+def test_a_contact_that_no_joint_ends_names_its_remedy(ur5):
+    checker = pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle("table", pp.Box(1, 1, 0.1), pp.pose((0, 0, -0.05)))]))
+    failed = pp.plan(checker, ur5.home, ur5.home + 0.2)
+    assert failed.status is PlanStatus.START_INVALID
+    assert "base_link and table in every configuration" in failed.message
+    assert "allowed=" in failed.message
+    assert pp.plan(checker.allowing(("base_link", "table")), ur5.home, ur5.home + 0.2).ok

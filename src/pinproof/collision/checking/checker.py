@@ -334,7 +334,9 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             return self._kept[dropped]
         left = np.ones(len(self._pairs), dtype=bool)
         left[[k for k in dropped if 0 <= k < len(left)]] = False
-        return self._keep(dropped, self._with_pairs(self._pairs[left]))
+        other, made = copy(self), self._assembly  # the specification does not state these pairs
+        other._take(made.with_pairs(replace(made.pairs, checked=self._pairs[left])))
+        return self._keep(dropped, other)
 
     def _with_obstacle_bodies(
         self, bodies: Sequence[Body], pairs: npt.NDArray[np.int64]
@@ -444,12 +446,6 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         """Keep a derived checker for later requests, and return it."""
         latest = list(self._kept.items())[1 - CHECKERS_KEPT :]
         self._kept = {**dict(latest), key: other}  # replaced as a whole, because threads share this checker
-        return other
-
-    def _with_pairs(self, checked: npt.NDArray[np.int64]) -> CollisionChecker:
-        """Return a copy with fewer pairs, which the specification does not state."""
-        other, made = copy(self), self._assembly
-        other._take(made.with_pairs(replace(made.pairs, checked=checked)))
         return other
 
     # -- properties ------------------------------------------------------------------------------------------
@@ -662,16 +658,18 @@ MOSTLY = 0.5
 
 
 def overlap_hint(checker: CollisionChecker, q: Array, found: CheckResult) -> str:
-    """Return a remedy if links touch that do so in most configurations, or at the arm's home, else an empty text."""
+    """A remedy for bodies that mostly touch, and for links that touch at the home of the arm, else an empty text."""
     links = set(checker.group.robot.urdf.links)
     among_links = dict.fromkeys(contact.bodies for contact in found.contacts if links.issuperset(contact.bodies))
     overlaps = {pair: checker._rules.overlaps.of(*pair) for pair in among_links}
     mostly = [f"{' and '.join(pair)} {how}" for pair, how in overlaps.items() if how.touching > MOSTLY * how.samples]
+    still = {contact.bodies for contact in checker.fixed_contacts}
+    mostly += [f"{' and '.join(each.bodies)} in every configuration" for each in found.contacts if each.bodies in still]
     hints = []
-    # Links that mostly touch do so by design; at its home an arm is expected to be free.
+    # Bodies that mostly touch do so by design; at its home an arm is expected to be free.
     if mostly:
         hints.append(
-            f"{'; '.join(mostly)}: if these links touch by design, list them in allowed_contacts of a scene (allowed= "
+            f"{'; '.join(mostly)}: if these bodies touch by design, list them in allowed_contacts of a scene (allowed= "
             "of the checker in Python)"
         )
     if among_links and (q == checker.group.home).all():

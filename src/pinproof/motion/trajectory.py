@@ -173,7 +173,7 @@ class Trajectory(BezierCurve, Shown):
         return Trajectory(times, q, velocities, self.joint_names, self.limits_note, accelerations=accelerations)
 
     def after(self, time: float) -> Trajectory:
-        """The motion from ``time`` (s) on, at which it may move; after its end, a single point.
+        """The part of the motion after ``time`` (s), where it may move; after its end, a single point.
 
         Between its points it is the same motion up to rounding.
 

@@ -193,7 +193,7 @@ def replan(
         "delay": delay, "tolerance": tolerance, "limits": limits, "jerk": jerk, "rate_limits": rate_limits,
         "constraints": constraints, "planner": planner, "rng": rng, "budget": budget,
     }  # fmt: skip
-    require_curve(running, checker, "the running motion")
+    require_curve(running, checker, "running motion")
     require_positive("delay (s)", delay, zero=True)
     require_integer("budget", budget, 0)
     names, n = checker.group.joint_names, checker.group.dof

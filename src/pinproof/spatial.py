@@ -293,7 +293,8 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
     try:
         array = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from error
+        reason = "; it is a dict, so give its values in order" if isinstance(value, dict) else f": {error}"
+        raise InputError(f"{name} must be numbers of shape {_shape_text(shape)}{reason}") from error
     if array.shape != shape and (
         array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True))
     ):

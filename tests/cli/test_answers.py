@@ -86,6 +86,13 @@ def test_plan_into_an_obstacle_names_it(run: Cli) -> None:
     assert "floor" in run.prints("plan", "ur5", "--goal", "0 0.5 0 0 0 0", "--scene", "scene.yaml", code=1)
 
 
+def test_plan_writes_the_proof_beside_its_motion(run: Cli) -> None:
+    out = run.prints("plan", "ur5", "--goal", "0 -1.2 1 0 0 0", "-o", "motion.json")
+    assert "wrote motion.json and motion.proof.json" in out
+    out = run.prints("certify", "ur5", "motion.json", "--verify", "motion.proof.json")
+    assert "compared with your files: the robot, the scene (without obstacles), the joint limits, the motion" in out
+
+
 @pytest.mark.slow
 def test_plan_and_certify_keep_the_tool_upright(run: Cli) -> None:
     goal, start = "1 -1.2 1.6 -1.97 -1.57 0.5", "-1 -1.2 1.6 -1.97 -1.57 0"

@@ -182,6 +182,16 @@ def test_an_answer_of_another_type_is_refused(checker, answer):
         planner_of(planner).plan(checker, START, GOAL)
 
 
+def test_a_found_result_needs_a_path_and_a_status(checker):
+    planner = Answers()
+    planner.answer = pp.PlanResult(PlanStatus.FOUND)
+    with pytest.raises(pp.InputError, match="Answers.plan returned the status FOUND without a path"):
+        planner_of(planner).plan(checker, START, GOAL)
+    planner.answer = pp.PlanResult(1)  # type: ignore[arg-type]
+    with pytest.raises(pp.InputError, match="status of the result of Answers.plan must be of type PlanStatus"):
+        planner_of(planner).plan(checker, START, GOAL)
+
+
 def test_a_path_of_another_type_or_of_other_joints_is_refused(ur5, checker):
     with pytest.raises(pp.InputError, match="must be of type JointPath"):
         planner_of(Answers(path=np.array([START, GOAL]))).plan(checker, START, GOAL)

@@ -100,7 +100,7 @@ def plan(
     ),
     rpy: str = option('Roll, pitch and yaw at --xyz in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
     start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
-    output: Path | None = option("The motion file to write (.json, .csv).", None, "-o", "--output"),
+    output: Path | None = option("The motion file to write (.json, .csv), and beside it its proof (.proof.json) for pinproof certify --verify.", None, "-o", "--output"),
     *,
     effort: PlanOptions,
     html: Html = None,
@@ -143,11 +143,12 @@ def plan(
             budget=effort.optimise,
         )
     # Files before the answer, so that "wrote" is true; a motion that is not proven is no motion
+    proof = None
     if output is not None and found.ok:
-        found.trajectory.save(output, certificate=found.certificate)
+        proof = found.save(output)
     if html is not None:
         found.to_html(html)
-    lines = [found.to_text(), *written(output if found.ok else None, html)]
+    lines = [found.to_text(), *written(output if found.ok else None, proof, html)]
     print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok)
 
 

@@ -139,13 +139,13 @@ class ReachProof(IkAnswer):
             return "reachable: a configuration was found"
         if self.status is ReachStatus.UNDECIDED:
             return f"undecided: {self.examined} boxes of joint values were examined; raise budget to examine more"
-        boxes = "1 box" if self.examined == 1 else f"{self.examined} boxes"
+        parts = "at once" if self.examined == 1 else f"in {self.examined} parts"
         far = far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
         pairs = " or ".join(f"{first} with {second}" for first, second in self.bodies)
         without = f" without a collision of {pairs}" if pairs else ""
         return (
             f"proven impossible: no configuration within the limits reaches the target to within {size}{without} "
-            f"({boxes} of joint values excluded){far}"
+            f"(the range of the joints is excluded {parts}){far}"
         )
 
 

@@ -129,11 +129,16 @@ class MotionPlan(Answer):
         report = {} if torques is None else torques.report(self.trajectory)
         return {**outcome, **figures, **report, "certificate": self.certificate.to_dict()}
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path) -> Path:
         """Write the motion as :meth:`Trajectory.save` does, and beside it its proof, for others to verify.
 
         The proof of ``motion.json`` is ``motion.proof.json``: ``python -m pinproof.verifier motion.proof.json`` checks
         it with NumPy only, and :func:`pinproof.verify_proof` compares it with the arm, the scene and the motion.
+
+        Returns
+        -------
+        Path
+            The file of the proof.
 
         Raises
         ------
@@ -146,7 +151,9 @@ class MotionPlan(Answer):
         constraints = [proof.constraint for proof in self.certificate.constraints]
         recorded = certify(self.trajectory, self.checker, constraints=constraints, record=True)
         self.trajectory.save(path, certificate=self.certificate)
-        recorded.save(Path(path).with_suffix(".proof.json"))
+        proof = Path(path).with_suffix(".proof.json")
+        recorded.save(proof)
+        return proof
 
     def show(self, *, open_browser: bool = False) -> LiveView:
         """Show the motion live in the browser; without a motion, the configuration that is the reason."""

@@ -106,6 +106,7 @@ class CertifiedPlanner:
         seconds = time.monotonic() - began
         if not isinstance(answer, PlanResult):
             raise InputError(f"{self._name}.plan must return a PlanResult, not {type(answer).__name__}")
+        require_type(f"the status of the result of {self._name}.plan", answer.status, PlanStatus)
 
         def result(status: PlanStatus, message: str, **known: Any) -> PlanResult:
             work = {"nodes": answer.nodes, "samples": answer.samples, "gap": answer.gap, "seconds": seconds}
@@ -120,6 +121,8 @@ class CertifiedPlanner:
                 return result(**no_path(barriers))
             return result(PlanStatus.OUT_OF_BUDGET, reason)
         # A path: from the start to a goal, through the joints of the arm
+        if vars(answer)["path"] is None:
+            raise InputError(f"{self._name}.plan returned the status FOUND without a path; add path=JointPath(...)")
         require_type(f"the path of {self._name}", answer.path, JointPath)
         names, q = answer.path.joint_names, answer.path.q
         if names != checker.group.joint_names:

@@ -685,7 +685,7 @@ def verify_proof(
         not_compared += ["the robot", "the scene", *(["the constraints"] if proof.constraints else [])]
     else:
         reasons += _differences(document, proof, checker)
-        compared += ["the robot", "the scene"]
+        compared += ["the robot", "the scene" if checker.scene else "the scene (without obstacles)"]
         if not proof.limits:
             not_compared.append("the joint limits (the proof claims none)")
         elif not reasons:

@@ -188,7 +188,7 @@ def test_a_found_result_needs_a_path_and_a_status(checker):
     with pytest.raises(pp.InputError, match="Answers.plan returned the status FOUND without a path"):
         planner_of(planner).plan(checker, START, GOAL)
     planner.answer = pp.PlanResult(1)  # type: ignore[arg-type]
-    with pytest.raises(pp.InputError, match="status of the result of Answers.plan must be of type PlanStatus"):
+    with pytest.raises(pp.InputError, match=r"status of the result of Answers[.]plan must be of type PlanStatus"):
         planner_of(planner).plan(checker, START, GOAL)
 
 

@@ -185,7 +185,7 @@ def test_an_answer_of_another_type_is_refused(checker, answer):
 def test_a_found_result_needs_a_path_and_a_status(checker):
     planner = Answers()
     planner.answer = pp.PlanResult(PlanStatus.FOUND)
-    with pytest.raises(pp.InputError, match="Answers.plan returned the status FOUND without a path"):
+    with pytest.raises(pp.InputError, match=r"Answers[.]plan returned the status FOUND without a path"):
         planner_of(planner).plan(checker, START, GOAL)
     planner.answer = pp.PlanResult(1)  # type: ignore[arg-type]
     with pytest.raises(pp.InputError, match=r"status of the result of Answers[.]plan must be of type PlanStatus"):

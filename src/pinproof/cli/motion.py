@@ -100,7 +100,12 @@ def plan(
     ),
     rpy: str = option('Roll, pitch and yaw at --xyz in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
     start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
-    output: Path | None = option("The motion file to write (.json, .csv), and beside it its proof (.proof.json) for pinproof certify --verify.", None, "-o", "--output"),
+    output: Path | None = option(
+        "The motion file to write (.json, .csv), and beside it its proof (.proof.json) for pinproof certify --verify.",
+        None,
+        "-o",
+        "--output",
+    ),
     *,
     effort: PlanOptions,
     html: Html = None,

@@ -174,6 +174,29 @@ class GripLimits:
         default=5e-3,
         minimum=0,
     )
+    force: float | None = key(
+        "force with which each finger presses on the object; with the mass of the object, it is then judged whether "
+        "the grip holds in motion",
+        "N",
+        default=None,
+        above=0,
+    )
+    force_limit: float | None = key(
+        "largest force of a finger that the object withstands; a larger `force` fails the grip",
+        "N",
+        default=None,
+        above=0,
+    )
+    friction: float | None = key(
+        "coefficient of friction between the hand and the object; by default the tangent of `angle`",
+        default=None,
+        above=0,
+    )
+    hold: bool = key(
+        "whether picks must be judged for holding in motion: missing data (mass, force) is then an error instead of a "
+        "note",
+        default=False,
+    )
 
 
 TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
@@ -252,6 +275,18 @@ class SuctionCup:
     rise: float | None = key(
         "how far the object may protrude into the cup, inside the rim and beyond the face; by default `gap`",
         "m",
+        default=None,
+        above=0,
+    )
+    force: float | None = key(
+        "pull-off force along the axis at the vacuum that is used; with the mass of the object, it is then judged "
+        "whether the cup holds in motion",
+        "N",
+        default=None,
+        above=0,
+    )
+    friction: float | None = key(
+        "coefficient of friction between the rim and the object; by default that of `grip_limits`",
         default=None,
         above=0,
     )

@@ -6,67 +6,51 @@ time.
 :func:`pinproof.cell.allocate` distributes picks over several arms that move at the same time.
 """
 
-from pinproof.cell.allocation.allocate import allocate
+from pinproof.cell.allocation.allocate import allocate as allocate
 from pinproof.cell.allocation.allocation_result import (
-    AllocationResult,
-    ArmTime,
-    OneArm,
-    PartState,
+    AllocationResult as AllocationResult,
+    ArmTime as ArmTime,
+    OneArm as OneArm,
+    PartState as PartState,
 )
-from pinproof.cell.allocation.common_clock import ArmPiece, CommonInterval, Timing
-from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
-from pinproof.cell.pages import read_heat_map
-from pinproof.cell.placement.place_base import PlacementBudget, place_base
+from pinproof.cell.allocation.common_clock import (
+    ArmPiece as ArmPiece,
+    CommonInterval as CommonInterval,
+    Timing as Timing,
+)
+from pinproof.cell.comparison import (
+    CellComparison as CellComparison,
+    PickChange as PickChange,
+    PickDifference as PickDifference,
+    compare as compare,
+)
+from pinproof.cell.pages import read_heat_map as read_heat_map
+from pinproof.cell.placement.place_base import PlacementBudget as PlacementBudget, place_base as place_base
 from pinproof.cell.placement.placement_result import (
-    CertifiedPlacement,
-    PlacementMap,
-    PlacementResult,
-    PlacementSensitivity,
+    CertifiedPlacement as CertifiedPlacement,
+    PlacementMap as PlacementMap,
+    PlacementResult as PlacementResult,
+    PlacementSensitivity as PlacementSensitivity,
 )
-from pinproof.cell.placement.region import Placement, PlacementChoice, PlacementRegion
-from pinproof.cell.sequencing.options import without_parts
-from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.cell.sequencing.sequence import SequenceBudget, sequence
+from pinproof.cell.placement.region import (
+    Placement as Placement,
+    PlacementChoice as PlacementChoice,
+    PlacementRegion as PlacementRegion,
+)
+from pinproof.cell.sequencing.options import without_parts as without_parts
+from pinproof.cell.sequencing.precedence import Precedence as Precedence
+from pinproof.cell.sequencing.sequence import SequenceBudget as SequenceBudget, sequence as sequence
 from pinproof.cell.sequencing.sequence_result import (
-    LeftOut,
-    SequencePhase,
-    SequenceResult,
-    SequenceStep,
+    LeftOut as LeftOut,
+    SequencePhase as SequencePhase,
+    SequenceResult as SequenceResult,
+    SequenceStep as SequenceStep,
 )
-from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
+from pinproof.cell.tolerance import (
+    PickTolerance as PickTolerance,
+    ToleranceStudy as ToleranceStudy,
+    tolerance_study as tolerance_study,
+)
+from pinproof.common import faces
 
-__all__ = [
-    "AllocationResult",
-    "ArmPiece",
-    "ArmTime",
-    "CellComparison",
-    "CertifiedPlacement",
-    "CommonInterval",
-    "LeftOut",
-    "OneArm",
-    "PartState",
-    "PickChange",
-    "PickDifference",
-    "PickTolerance",
-    "Placement",
-    "PlacementBudget",
-    "PlacementChoice",
-    "PlacementMap",
-    "PlacementRegion",
-    "PlacementResult",
-    "PlacementSensitivity",
-    "Precedence",
-    "SequenceBudget",
-    "SequencePhase",
-    "SequenceResult",
-    "SequenceStep",
-    "Timing",
-    "ToleranceStudy",
-    "allocate",
-    "compare",
-    "place_base",
-    "read_heat_map",
-    "sequence",
-    "tolerance_study",
-    "without_parts",
-]
+__all__ = faces.exported(globals())

@@ -1,102 +1,71 @@
 """Robot descriptions without kinematics: DH tables, URDF, xacro, MJCF, SRDF, and the catalogue of robots."""
 
+from pinproof.common import faces
 from pinproof.description.catalogue import (
-    OVERLAP_REASON,
-    CatalogueEntry,
-    catalogue_names,
-    find_robot,
-    notes,
-    read_description,
-    robots_folder,
+    OVERLAP_REASON as OVERLAP_REASON,
+    CatalogueEntry as CatalogueEntry,
+    catalogue_names as catalogue_names,
+    find_robot as find_robot,
+    notes as notes,
+    read_description as read_description,
+    robots_folder as robots_folder,
 )
 from pinproof.description.cell import (
-    CELL,
-    PLACEMENT_JOINTS,
-    WORLD,
-    Axis,
-    cell_srdf,
-    cell_urdf,
-    urdf_with_axes,
-    with_movable_base,
+    CELL as CELL,
+    PLACEMENT_JOINTS as PLACEMENT_JOINTS,
+    WORLD as WORLD,
+    Axis as Axis,
+    cell_srdf as cell_srdf,
+    cell_urdf as cell_urdf,
+    urdf_with_axes as urdf_with_axes,
+    with_movable_base as with_movable_base,
 )
-from pinproof.description.dh import CONVENTIONS, DEFAULT_EFFORT, SUFFIXES, DhRow, DhTable
-from pinproof.description.dh_urdf import GENERATED_BODIES, GENERATED_MASSES, TCP, has_generated_bodies, urdf_of_table
-from pinproof.description.mesh_stl_obj_ply import positions, read_elements
+from pinproof.description.dh import (
+    CONVENTIONS as CONVENTIONS,
+    DEFAULT_EFFORT as DEFAULT_EFFORT,
+    SUFFIXES as SUFFIXES,
+    DhRow as DhRow,
+    DhTable as DhTable,
+)
+from pinproof.description.dh_urdf import (
+    GENERATED_BODIES as GENERATED_BODIES,
+    GENERATED_MASSES as GENERATED_MASSES,
+    TCP as TCP,
+    has_generated_bodies as has_generated_bodies,
+    urdf_of_table as urdf_of_table,
+)
+from pinproof.description.mesh_stl_obj_ply import positions as positions, read_elements as read_elements
 from pinproof.description.meshes import (
-    COLOURED_SUFFIXES,
-    TriangleMesh,
-    mesh_of_file,
-    metres_per_unit,
-    read_mesh,
-    resolved,
-    stored_mesh,
-    z_up,
+    COLOURED_SUFFIXES as COLOURED_SUFFIXES,
+    TriangleMesh as TriangleMesh,
+    mesh_of_file as mesh_of_file,
+    metres_per_unit as metres_per_unit,
+    read_mesh as read_mesh,
+    resolved as resolved,
+    stored_mesh as stored_mesh,
+    z_up as z_up,
 )
-from pinproof.description.ros_files import MeshFile, locate
-from pinproof.description.srdf import DisabledPair, Srdf, read_srdf, srdf_text
+from pinproof.description.ros_files import MeshFile as MeshFile, locate as locate
+from pinproof.description.srdf import (
+    DisabledPair as DisabledPair,
+    Srdf as Srdf,
+    read_srdf as read_srdf,
+    srdf_text as srdf_text,
+)
 from pinproof.description.urdf import (
-    JointType,
-    LinkGeometry,
-    Urdf,
-    UrdfJoint,
-    moved_by,
-    read_urdf,
-    read_urdf_text,
-    urdf_of,
+    JointType as JointType,
+    LinkGeometry as LinkGeometry,
+    Urdf as Urdf,
+    UrdfJoint as UrdfJoint,
+    moved_by as moved_by,
+    read_urdf as read_urdf,
+    read_urdf_text as read_urdf_text,
+    urdf_of as urdf_of,
 )
-from pinproof.description.xml_reader import add_joint, numbers_text, origin_attributes
+from pinproof.description.xml_reader import (
+    add_joint as add_joint,
+    numbers_text as numbers_text,
+    origin_attributes as origin_attributes,
+)
 
-__all__ = [
-    "CELL",
-    "COLOURED_SUFFIXES",
-    "CONVENTIONS",
-    "DEFAULT_EFFORT",
-    "GENERATED_BODIES",
-    "GENERATED_MASSES",
-    "OVERLAP_REASON",
-    "PLACEMENT_JOINTS",
-    "SUFFIXES",
-    "TCP",
-    "WORLD",
-    "Axis",
-    "CatalogueEntry",
-    "DhRow",
-    "DhTable",
-    "DisabledPair",
-    "JointType",
-    "LinkGeometry",
-    "MeshFile",
-    "Srdf",
-    "TriangleMesh",
-    "Urdf",
-    "UrdfJoint",
-    "add_joint",
-    "catalogue_names",
-    "cell_srdf",
-    "cell_urdf",
-    "find_robot",
-    "has_generated_bodies",
-    "locate",
-    "mesh_of_file",
-    "metres_per_unit",
-    "moved_by",
-    "notes",
-    "numbers_text",
-    "origin_attributes",
-    "positions",
-    "read_description",
-    "read_elements",
-    "read_mesh",
-    "read_srdf",
-    "read_urdf",
-    "read_urdf_text",
-    "resolved",
-    "robots_folder",
-    "srdf_text",
-    "stored_mesh",
-    "urdf_of",
-    "urdf_of_table",
-    "urdf_with_axes",
-    "with_movable_base",
-    "z_up",
-]
+__all__ = faces.exported(globals())

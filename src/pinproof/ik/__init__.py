@@ -1,58 +1,52 @@
 """Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
-from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch
-from pinproof.ik.analytic_ik import AnalyticIk
-from pinproof.ik.analytic_self_motion import CurveEnd, IkFamily, SelfMotion, SelfMotionCurve
-from pinproof.ik.fabrik import Fabrik
-from pinproof.ik.iterative import IterativeIk
-from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
-from pinproof.ik.loop import DescentState, IkStep, ObservingRule, StepRule
-from pinproof.ik.methods import IK_METHODS, bench, make_ik
-from pinproof.ik.reach_check import BodyOverlap
-from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
-from pinproof.ik.result import NEAR_LIMIT, IkBatch, IkResult, IkSolutions, IkStatus
-from pinproof.ik.task import Cost, GoalLike, IkGoal, IkTask, TaskName, look_at, make_task, posture
-from pinproof.ik.tracking import Tracker, TrackResult, track
+from pinproof.common import faces
+from pinproof.ik.analytic_branches import IkBranches as IkBranches, IkBranchesBatch as IkBranchesBatch
+from pinproof.ik.analytic_ik import AnalyticIk as AnalyticIk
+from pinproof.ik.analytic_self_motion import (
+    CurveEnd as CurveEnd,
+    IkFamily as IkFamily,
+    SelfMotion as SelfMotion,
+    SelfMotionCurve as SelfMotionCurve,
+)
+from pinproof.ik.fabrik import Fabrik as Fabrik
+from pinproof.ik.iterative import IterativeIk as IterativeIk
+from pinproof.ik.jacobian_methods import (
+    Clik as Clik,
+    DampedLeastSquares as DampedLeastSquares,
+    PseudoInverse as PseudoInverse,
+)
+from pinproof.ik.loop import (
+    DescentState as DescentState,
+    IkStep as IkStep,
+    ObservingRule as ObservingRule,
+    StepRule as StepRule,
+)
+from pinproof.ik.methods import IK_METHODS as IK_METHODS, bench as bench, make_ik as make_ik
+from pinproof.ik.reach_check import BodyOverlap as BodyOverlap
+from pinproof.ik.reach_proof import (
+    ReachProof as ReachProof,
+    ReachStatus as ReachStatus,
+    is_provable as is_provable,
+    prove_unreachable as prove_unreachable,
+)
+from pinproof.ik.result import (
+    NEAR_LIMIT as NEAR_LIMIT,
+    IkBatch as IkBatch,
+    IkResult as IkResult,
+    IkSolutions as IkSolutions,
+    IkStatus as IkStatus,
+)
+from pinproof.ik.task import (
+    Cost as Cost,
+    GoalLike as GoalLike,
+    IkGoal as IkGoal,
+    IkTask as IkTask,
+    TaskName as TaskName,
+    look_at as look_at,
+    make_task as make_task,
+    posture as posture,
+)
+from pinproof.ik.tracking import Tracker as Tracker, TrackResult as TrackResult, track as track
 
-__all__ = [
-    "IK_METHODS",
-    "NEAR_LIMIT",
-    "AnalyticIk",
-    "BodyOverlap",
-    "Clik",
-    "Cost",
-    "CurveEnd",
-    "DampedLeastSquares",
-    "DescentState",
-    "Fabrik",
-    "GoalLike",
-    "IkBatch",
-    "IkBranches",
-    "IkBranchesBatch",
-    "IkFamily",
-    "IkGoal",
-    "IkResult",
-    "IkSolutions",
-    "IkStatus",
-    "IkStep",
-    "IkTask",
-    "IterativeIk",
-    "ObservingRule",
-    "PseudoInverse",
-    "ReachProof",
-    "ReachStatus",
-    "SelfMotion",
-    "SelfMotionCurve",
-    "StepRule",
-    "TaskName",
-    "TrackResult",
-    "Tracker",
-    "bench",
-    "is_provable",
-    "look_at",
-    "make_ik",
-    "make_task",
-    "posture",
-    "prove_unreachable",
-    "track",
-]
+__all__ = faces.exported(globals())

@@ -1,58 +1,41 @@
 """Viewer: HTML pages of an arm, a scene and a motion, the same page live, and PNG pictures."""
 
-from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
-from pinproof.viewer.live import LiveView, show
-from pinproof.viewer.overlays import LONGEST, ColouredPoints, PoseMarkers, arrow
-from pinproof.viewer.page import PlotLimits, write_html
-from pinproof.viewer.panels import Bar
-from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.png import write_png
-from pinproof.viewer.stage import (
-    Drawing,
-    DrawnLink,
-    Film,
-    FilmPhase,
-    box_corners,
-    film,
-    set_stage,
-    simplified,
-    still,
-    tracks,
+from pinproof.common import faces
+from pinproof.viewer.camera import (
+    View as View,
+    choose_view as choose_view,
+    extremes as extremes,
+    placed_points as placed_points,
+    tool_points as tool_points,
 )
-from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
-from pinproof.viewer.wire import Commands, node_path, transform_command
+from pinproof.viewer.live import LiveView as LiveView, show as show
+from pinproof.viewer.overlays import (
+    LONGEST as LONGEST,
+    ColouredPoints as ColouredPoints,
+    PoseMarkers as PoseMarkers,
+    arrow as arrow,
+)
+from pinproof.viewer.page import PlotLimits as PlotLimits, write_html as write_html
+from pinproof.viewer.panels import Bar as Bar
+from pinproof.viewer.picture import stage_commands as stage_commands
+from pinproof.viewer.png import write_png as write_png
+from pinproof.viewer.stage import (
+    Drawing as Drawing,
+    DrawnLink as DrawnLink,
+    Film as Film,
+    FilmPhase as FilmPhase,
+    box_corners as box_corners,
+    film as film,
+    set_stage as set_stage,
+    simplified as simplified,
+    still as still,
+    tracks as tracks,
+)
+from pinproof.viewer.surfaces import (
+    Surface as Surface,
+    merge_by_colour as merge_by_colour,
+    obstacle_surfaces as obstacle_surfaces,
+)
+from pinproof.viewer.wire import Commands as Commands, node_path as node_path, transform_command as transform_command
 
-__all__ = [
-    "LONGEST",
-    "Bar",
-    "ColouredPoints",
-    "Commands",
-    "Drawing",
-    "DrawnLink",
-    "Film",
-    "FilmPhase",
-    "LiveView",
-    "PlotLimits",
-    "PoseMarkers",
-    "Surface",
-    "View",
-    "arrow",
-    "box_corners",
-    "choose_view",
-    "extremes",
-    "film",
-    "merge_by_colour",
-    "node_path",
-    "obstacle_surfaces",
-    "placed_points",
-    "set_stage",
-    "show",
-    "simplified",
-    "stage_commands",
-    "still",
-    "tool_points",
-    "tracks",
-    "transform_command",
-    "write_html",
-    "write_png",
-]
+__all__ = faces.exported(globals())

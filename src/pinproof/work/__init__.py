@@ -1,23 +1,21 @@
 """Long work: executors and their processes, a journal of finished rows, stages that can be interrupted and resumed."""
 
-from __future__ import annotations
+from pinproof.common import faces
+from pinproof.work.executors import (
+    IN_FLIGHT as IN_FLIGHT,
+    LocalWorkers as LocalWorkers,
+    Outcome as Outcome,
+    Workers as Workers,
+    do_chunks as do_chunks,
+)
+from pinproof.work.journal import (
+    JOURNAL as JOURNAL,
+    Checksums as Checksums,
+    Journal as Journal,
+    ranges_missing as ranges_missing,
+    refuse_foreign as refuse_foreign,
+    to_line as to_line,
+)
+from pinproof.work.runner import Progress as Progress, Runner as Runner
 
-from pinproof.work.executors import IN_FLIGHT, LocalWorkers, Outcome, Workers, do_chunks
-from pinproof.work.journal import JOURNAL, Checksums, Journal, ranges_missing, refuse_foreign, to_line
-from pinproof.work.runner import Progress, Runner
-
-__all__ = [
-    "IN_FLIGHT",
-    "JOURNAL",
-    "Checksums",
-    "Journal",
-    "LocalWorkers",
-    "Outcome",
-    "Progress",
-    "Runner",
-    "Workers",
-    "do_chunks",
-    "ranges_missing",
-    "refuse_foreign",
-    "to_line",
-]
+__all__ = faces.exported(globals())

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.collision import Attachments
+from pinproof.collision.geometry.shapes import SHAPES_BY_KEY
 from pinproof.common.files import parse_number, read_yaml
 from pinproof.errors import FileError
 from pinproof.formats import FORMATS
@@ -48,6 +49,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "scene": pp.Scene.load,
     "attached": Attachments.load,
     "picks": picks,
+    "tool": pp.picks.Tool.load,
     "dh": pp.DhTable.load,
     "limits": JointLimits.load,
     "motion": pp.Trajectory.load,
@@ -107,6 +109,7 @@ EVERY_PICK = {
     },
     "arm": "left",
 }
+GRASP_KEYS = {key: EVERY_PICK[key] for key in ("xyz", "rpy", *EVERY_WAY, "spin", "tolerance")}
 TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin", "speed": 0.25}
 TURNED.pop("rpy")
 LIMITED = {f"has_{kind}_limits": True for kind in ("position", "velocity", "acceleration", "deceleration", "jerk")}
@@ -254,7 +257,53 @@ OTHER_PICKS = {
     ],
 }
 OTHER_PICKS["picks"][0]["object"].pop("rpy")
-for tree in (EVERYTHING["picks"], OTHER_PICKS):
+ROBOT_KEYS = ("robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp")
+HAND = {
+    key: EVERYTHING["picks"][key] for key in ("tip", "tool", "fingers", "gripper", "held", "payload", "grip_limits")
+}
+CUP = {
+    **{key: value for key, value in HAND.items() if key != "fingers"},
+    "held": {},
+    "cup": OTHER_PICKS["cup"],
+    "tool": SHAPES,
+}
+EVERYTHING["tool"] = {**{key: OTHER_PICKS[key] for key in ROBOT_KEYS}, **HAND}
+VALUES = {
+    "held": HAND["held"],
+    "fingers": {"opening": 0.05, "grip": 0.02},
+    "cup": OTHER_PICKS["cup"],
+    "grip_limits": HAND["grip_limits"],
+}
+MIXED_PICKS = {
+    "robot": "ur5",
+    "tools": {"jaws": HAND, "cup": CUP, "other": "tool.yaml"},
+    "tool_change": 8,
+    "parts": {
+        "bolt": {
+            **{key: value for key, value in SHAPES[0].items() if key in ("box", "mesh")},
+            **VALUES,
+            "mass": 0.1,
+            "center_of_mass": [0, 0, 0.01],
+            "inertia": [0.01, 0.01, 0.01],
+            "friction": 0.4,
+            "tool": "jaws",
+            "grasps": [
+                {"name": "head", **GRASP_KEYS, **VALUES, "tool": "jaws"},
+                {"xyz": [0, 0, 0], "quat_xyzw": [1, 0, 0, 0], "tool": "cup"},
+            ],
+        },
+        **{f"part {k}": {key: shape[key] for key in shape if key in SHAPES_BY_KEY} for k, shape in enumerate(SHAPES)},
+    },
+    "defaults": {"part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", "friction": 0.3, **VALUES},
+    "picks": [
+        {"name": "one", "part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", "friction": 0.3, **VALUES},
+        {"name": "same"},
+    ],
+}
+MIXED_PICKS["parts"] |= {
+    name: {**part, "tool": "jaws"} for name, part in MIXED_PICKS["parts"].items() if "tool" not in part
+}
+for tree in (EVERYTHING["picks"], OTHER_PICKS, MIXED_PICKS):
     own = {key: value for key, value in tree.items() if key in CELL_ROBOT.names}
     tree["robots"] = {"left": {"base": {"xyz": [-0.5, 0, 0]}, **own}, "right": {"base": {"rpy": [0, 0, "pi"]}}}
 
@@ -265,6 +314,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     samples.write_parts(folder)
     for name in ("arm.srdf", "joint_limits.yaml"):
         (folder / name).touch()
+    (folder / "tool.yaml").write_text("tip: {xyz: [0, 0, 0.1]}")
     return folder
 
 
@@ -350,7 +400,13 @@ def test_an_unknown_format_is_named_with_the_valid_ones() -> None:
 
 def test_the_readers_accept_every_key_of_the_schemas(folder: Path) -> None:
     used: dict[str, set[str]] = {}
-    for name, tree in [*EVERYTHING.items(), ("dh", samples.DH), ("picks", OTHER_PICKS)]:
+    for name, tree in [
+        *EVERYTHING.items(),
+        ("dh", samples.DH),
+        ("tool", CUP),
+        ("picks", OTHER_PICKS),
+        ("picks", MIXED_PICKS),
+    ]:
         assert refused(name, tree, folder) is None
         assert invalid(name, tree) == []
         for title, mapping in places(name, tree):
@@ -361,7 +417,7 @@ def test_the_readers_accept_every_key_of_the_schemas(folder: Path) -> None:
 
 def files_of(name: str) -> list[Any]:
     """Files of a format in which together every key occurs."""
-    return copy.deepcopy([EVERYTHING[name], *([OTHER_PICKS] if name == "picks" else [])])
+    return copy.deepcopy([EVERYTHING[name], *{"picks": [OTHER_PICKS, MIXED_PICKS], "tool": [CUP]}.get(name, [])])
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -536,7 +592,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     pp.cell.compare(report, report).save(folder / "comparison.json")
     pp.cell.tolerance_study(report, samples=0).save(folder / "tolerance.json")
     for name in FORMATS:
-        if name in ("picks", "limits"):
+        if name in ("picks", "tool", "limits"):
             continue  # pinproof does not write them
         file = folder / (f"{name}.json" if name in WRITTEN_AS_JSON else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
@@ -592,8 +648,8 @@ def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
     (folder / "many.json").write_text(json.dumps({"robots": robots, "picks": "many.csv"}), encoding="utf-8")
     one = {name: values.get(name, "0.1") for names in COLUMNS.values() for name in names}
     for left_out in (
-        ("quat_xyzw", "place.object_pose.xyz", "place.object_pose.rpy"),
-        ("rpy", "place.xyz", "place.rpy"),
+        ("grasp", "quat_xyzw", "place.object_pose.xyz", "place.object_pose.rpy"),
+        ("xyz", "frame", "quat_xyzw", "rpy", "place.xyz", "place.rpy"),
     ):
         gone = {name for key in left_out for name in COLUMNS[key]}
         row = {name: value for name, value in one.items() if name not in gone}
@@ -602,7 +658,8 @@ def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
         assert found.problems == ()
         (pick,) = found
         assert pick.place is not None
-        assert pick.arm == "left"
+        assert (pick.arm, pick.part, pick.tool) == ("left", "0.1", "0.1")
+        assert pick.by_part is ("xyz" in left_out)
         assert pick.place.pose_of == ("object" if "place.xyz" in left_out else "tip")
 
 
@@ -626,7 +683,7 @@ def test_the_pages_name_every_key_of_the_schemas_and_no_other() -> None:
                 other = tables(name)[same[1]]["properties"]
                 keys |= set(other) - set(re.findall(r"`(\w+)`", same[2] or ""))
             found.setdefault(name, {})["" if title == "File" else title] = keys
-    everywhere = {title: keys for page in found.values() for title, keys in page.items() if title}
+    everywhere = {title: keys for page in [*found.values()][::-1] for title, keys in page.items() if title}
     for name in FORMATS:
         described = {title: set(table["properties"]) for title, table in tables(name).items()}
         assert found[name][""] == described[""]

@@ -16,6 +16,7 @@ __all__ = ["FORMATS", "file_schema"]
 FORMATS = {
     "scene": ("pinproof.collision.scene", "Scene"),
     "picks": ("pinproof.picks.input.sources", "PICKS"),
+    "tool": ("pinproof.picks.input.tools", "Tool"),
     "attached": ("pinproof.collision.scene", "Attachments"),
     "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),

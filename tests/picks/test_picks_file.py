@@ -163,7 +163,7 @@ def test_an_orientation_is_required(write) -> None:
         ("defaults: {spin: fre}", "key defaults.spin", "write spin: free"),
         ("margin: 2mm", "key margin", "'2mm' is not a number"),
         ("margin: 2mm", "key margin", "-pi/2"),
-        ("held: {finger: {open: 0.04}}", "key held.finger", "finger does not state grip"),
+        ("held: {finger: {grip: 0.04}}", "key held.finger", "finger does not state open"),
         ("grip_limits: {width: 1}", "key grip_limits.width", "unknown key"),
         ("grip_limits: {area: -1}", "key grip_limits.area", "at least 0"),
         ("grip_limits: {compliance: 0}", "key grip_limits.compliance", "above 0"),

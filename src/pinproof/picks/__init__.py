@@ -16,23 +16,26 @@ from pinproof.picks.batch.reach_map import (
     tool_orientations,
 )
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
+from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
+from pinproof.picks.input.tools import Hand, HandValues, Tool
 from pinproof.picks.judging.configurations import TURN
 from pinproof.picks.judging.grasp import GraspCandidate, PickCheck, reach, screen
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
 from pinproof.picks.judging.place import Placer, Placing, Release, release_lines
-from pinproof.picks.judging.setup import PickSetup, check_held_joints
+from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.suggest import LengthSuggestion, RetreatSuggestion, ShiftSuggestion, TurnSuggestion
 from pinproof.picks.judging.task import (
     DOWN,
     SUPPORT_GAP,
     PickCell,
     PickTask,
+    check_held_joints,
     peaks_of,
     rate_limits,
     torque_limits_of_tool,
@@ -60,16 +63,16 @@ from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_moti
 __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
-    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Intercept", "LengthSuggestion", "Member",
-    "MotionPart", "NamedFrame", "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion",
-    "PickProblem", "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask",
-    "PickVerdict", "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck",
-    "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",
-    "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup", "Suggestion", "ToolSpeed",
-    "TurnSuggestion", "along", "approach_directions", "attainable_orientations", "certify_picks_program",
-    "check_held_joints", "code_of", "export_picks", "judge", "motion_parts", "open_picks",
-    "peaks_of", "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks",
-    "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened",
-    "span", "support_names", "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks",
-    "write_motion_pages",
+    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "Intercept",
+    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType", "Pick", "PickBudget",
+    "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile", "PickReport",
+    "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights", "Picks",
+    "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ReachComparison", "ReachMap", "ReachRegion",
+    "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage", "StageResult",
+    "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along", "approach_directions",
+    "attainable_orientations", "certify_picks_program", "check_held_joints", "code_of", "export_picks", "judge",
+    "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach",
+    "reach_map", "read_picks", "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks",
+    "shifted", "shortened", "span", "support_names", "time_part", "tool_orientations", "torque_limits_of_tool",
+    "transit", "validate_picks", "write_motion_pages",
 ]  # fmt: skip

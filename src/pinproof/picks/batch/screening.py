@@ -37,8 +37,7 @@ from pinproof.picks.judging.configurations import (
     widened,
 )
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.setup import check_held_joints
-from pinproof.picks.judging.task import PickCell, PickTask
+from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints
 from pinproof.picks.judging.verdict import Stage
 from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 

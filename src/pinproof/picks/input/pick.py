@@ -19,8 +19,9 @@ from pinproof.common.structs import (
     ANGLE,
     NUMBER,
     ONE_ORIENTATION,
-    POSE,
     TEXT,
+    TRANSFORM,
+    Accepting,
     Direction,
     Key,
     Table,
@@ -32,7 +33,6 @@ from pinproof.common.structs import (
     list_of,
     number,
     parsed,
-    pose_of,
     required,
     simple,
     struct,
@@ -44,8 +44,9 @@ from pinproof.common.validation import ReadOnlyDict, require_number, unique_name
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion import ToolLimits
-from pinproof.spatial import SE3, Array, finite, pose, rotation_about, translated, xyz_rpy
-from pinproof.units import ANGLE_UNITS, MOST_REACH, parse_angle, refuse_degrees, refuse_millimetres
+from pinproof.picks.input.tools import POSE_IN_REACH, HandValues
+from pinproof.spatial import SE3, Array, finite, frozen, pose, rotation_about, translated, xyz_rpy
+from pinproof.units import ANGLE_UNITS, parse_angle, refuse_degrees
 
 STEPS = 24
 """Number of tried rotations of a free spin: one every 15 degrees."""
@@ -177,20 +178,6 @@ def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[
     for group in tolerance.groups():
         pairs = ((*displaced, *turned) for displaced in group for turned in turns)
         yield [Member(turn * shift, ", ".join(filter(None, [spun, words]))) for words, shift, turn, spun in pairs]
-
-
-def pose_in_reach(most: float = MOST_REACH) -> Table:
-    """The keys of a pose whose position (m) is not clearly in millimetres: no number is above ``most``."""
-
-    def make(**stated: Any) -> SE3:
-        placed = pose_of(**stated)
-        refuse_millimetres("xyz", placed.translation.tolist(), most=most)
-        return placed
-
-    return Table(POSE.title, POSE.text, *POSE.keys, rules=POSE.rules, make=make)
-
-
-POSE_IN_REACH = pose_in_reach()
 
 
 TIP, ROOT, OBJECT = "tip", "root", "object"
@@ -422,12 +409,16 @@ def _carried(name: str, value: Any) -> Any:
     return value
 
 
+NO_XYZ = "does not state its xyz"
+
+
 def _grasp(xyz: Any = None, **turned: Any) -> SE3:
     if xyz is None:
-        raise InputError("does not state its xyz")
+        raise InputError(NO_XYZ)
     if not turned:
         raise InputError("states no orientation; add rpy or quat_xyzw to the pick or to the defaults")
-    return POSE_IN_REACH.make(xyz=xyz, **turned)
+    made: SE3 = POSE_IN_REACH.make(xyz=xyz, **turned)
+    return made
 
 
 GRASP = Table(
@@ -439,13 +430,33 @@ GRASP = Table(
     make=_grasp,
 )
 
+_ANY_GRASP = Table(
+    GRASP.title,
+    GRASP.text,
+    *GRASP.keys,
+    rules=GRASP.rules,
+    make=lambda xyz=None, **turned: {} if xyz is None else {"pose": _grasp(xyz, **turned)},
+)
+"""The pose of a grasp, or none."""
 
-@struct("pick", eq=False, repr=False, first=("name", "pose", "frame", *LINE_KEYS))
-class Pick(StraightLines, Shown):
+
+@struct(
+    "pick",
+    eq=False,
+    repr=False,
+    first=("name", "pose", "frame", "part", "grasp", "tool", "object", *LINE_KEYS, "spin", "tolerance", "support"),
+)
+class Pick(HandValues, StraightLines, Shown):
     """One grasp, or a family of them, with its straight approach and retreat."""
 
     name: str = key("its name, unique in the file")
-    pose: SE3 = key("``frame_from_tip``: the target pose of the tool's tip at the grasp", inline=GRASP)
+    pose: Accepting[SE3, SE3 | None] = key(
+        "``frame_from_tip``: the target pose of the tool's tip at the grasp. A pick of a part type needs none: the "
+        "grasps of its part are tried in order, and ``pose`` is that of the object",
+        default=None,
+        kind=simple({}, lambda name, value: None if value is None else TRANSFORM.check(name, value)),
+        inline=_ANY_GRASP,
+    )
     approach: float = _line("before the grasp")
     retreat: float = _line("after the grasp")
     retreat_direction: Direction = _direction("retreat", (0.0, 0.0, 1.0))
@@ -509,8 +520,28 @@ class Pick(StraightLines, Shown):
         shown=None,
     )
     arm: str | None = key("in a file with `robots`, the one that executes the pick; by default any may", default=None)
+    part: str | None = key("the type of its object, one of `parts`", default=None)
+    grasp: str | None = key("the grasp of its part; by default all of them are tried in order", default=None)
+    tool: str | None = key("the tool, one of `tools`; by default that of the grasp or of the part", default=None)
+    friction: float | None = key(
+        "coefficient of friction between the object and the fingers or the cup, above 0; by default that of the part",
+        default=None,
+        above=0,
+    )
+    by_part: bool = key(
+        "whether the grasps of the part are tried, because no pose is stated", default=False, hidden=True
+    )
 
     def __post_init__(self) -> None:
+        if self.pose is None:
+            if self.part is None:
+                raise InputError(NO_XYZ)
+            for name, value in {"pose": frozen(SE3.Identity()), "frame": str(self.carried), "by_part": True}.items():
+                object.__setattr__(self, name, value)
+        if self.part is not None and not isinstance(self.carried, str):
+            raise InputError(f"pick {self.name!r} states a part but not the name of its object in the scene")
+        if self.by_part is False and self.grasp is not None and self.part is None:
+            raise InputError(f"pick {self.name!r} states a grasp but no part")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
         if self.upright is not None and self.carried is None:
@@ -592,7 +623,7 @@ DEFAULTS = Table(
 PICK = Table(
     "pick",
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
-    "`defaults`; an `object` is required for `support`, `place` and `upright`.",
+    "`defaults`, unless a `part` is stated; an `object` is required for `part`, `support`, `place` and `upright`.",
     *table_of(Pick).keys,
     Key("pattern", PATTERN, "copies of this pick on a grid"),
     rules=ONE_ORIENTATION,
@@ -618,6 +649,15 @@ def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick
         raise InputError("states no name; a pick needs a name")
     # The pick of the row
     whole = completed(defaults, row)
+    if "part" in whole and "xyz" not in whole:
+        # The grasps of the part are tried; an orientation of the defaults is for other picks
+        posed = ("rpy", "quat_xyzw", "frame")
+        if foreign := next((name for name in posed if name in row), ""):
+            raise InputError(f"states {foreign} but no xyz; state both, or neither to try the grasps of the part")
+        for name in posed:
+            whole.pop(name, None)
+    elif "grasp" in whole:
+        raise InputError("states a grasp of its part and xyz, a pose of its own; remove one of them")
     values = PICK.values("the pick", whole, path)
     pattern = values.pop("pattern", None)
     first: Pick = PICK.made(whole, values)

@@ -3,32 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Obstacle, Scene
+from pinproof.collision import Scene
 from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import (
     ANY_TEXT,
     NUMBER,
-    POSE,
     TEXT,
-    TRANSFORM,
     Accepting,
     Kind,
-    Rule,
+    Misread,
     Table,
     any_of,
+    choice,
     described,
-    file_of,
     key,
-    list_of,
     mapping_to,
     number,
     parsed,
@@ -42,9 +39,11 @@ from pinproof.common.structs import (
 from pinproof.common.validation import require_number
 from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.model import Arm, JointGroup, JointLimits, Payload, assemble, checked_payloads, load_robot
-from pinproof.picks.input.pick import POSE_IN_REACH, Pick, pose_in_reach
-from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, SuctionCup, bodies
+from pinproof.model import Arm, JointGroup, assemble
+from pinproof.picks.input.parts import PART_TYPE, PartType, grasps_of
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.settings import Conveyor, PickBudget
+from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
 from pinproof.units import MOST_MARGIN, warn_of_millimetres
 
@@ -110,51 +109,18 @@ class CellRobot:
         object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))
 
 
-MOST_TOOL = 5.0
-"""Metres. A longer tool is stated in millimetres."""
-
-
-HELD = Table(
-    "open_and_grip",
-    "Two values of a finger joint of the robot.",
-    required("open", NUMBER, "before the grasp and after the release", "rad or m"),
-    required("grip", NUMBER, "from the grasp to the release", "rad or m"),
-)
-
-
-def _joint_values(when: str) -> Kind:
-    """Values of joints by name; of those with two values, the one of the open or of the gripping hand."""
-    stated = mapping_to(any_of(NUMBER, HELD), "joint names to values, or to open and grip")
-
-    def parse(name: str, values: object, path: Path) -> dict[str, float]:
-        return {
-            joint: value[when] if isinstance(value, dict) else value
-            for joint, value in stated.parse(name, values, path).items()
-            if when == "open" or isinstance(value, dict)
-        }
-
-    return Kind(stated.schema, mapping_to(NUMBER).check, parse)
-
-
-def _robot(_: str, stated: object, path: Path) -> str:
-    """A catalogue name, or a path relative to the picks file."""
-    name: str = TEXT.check("robot", stated)
-    return str(path.parent / name) if Path(name).suffix or "/" in name else name
-
-
 def _margin(name: str, value: object) -> float:
     margin = require_number(name, value, "m", minimum=0)
     warn_of_millimetres(name, [margin], most=MOST_MARGIN)
     return margin
 
 
-def _argument(name: str, value: Any) -> str:
-    if isinstance(value, (dict, list)) or value is None:
-        raise InputError(f"argument {name!r} is {value!r}; it must be a number or a text")
-    return str(value).lower() if isinstance(value, bool) else str(value)
+MOUNTED = "mounted"
+"""The change of tools that are all mounted at the same time."""
 
 
-FOLDER = file_of("folder")
+def _tool_change(name: str, value: object) -> float | str:
+    return MOUNTED if value == MOUNTED else require_number(name, value, "s", minimum=0)
 
 
 def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
@@ -172,63 +138,35 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
 @struct(
     eq=False,
     repr=False,
-    rules=[
-        Rule(
-            ("cup",),
-            lambda picks: (
-                "state a cup and fingers; a part is held by one of them"
-                if picks.cup is not None and (picks.fingers is not None or picks.grip)
-                else ""
-            ),
-        )
-    ],
+    rules=[ONE_HOLDER],
     first=(
         "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip",
-        "tool", "fingers", "cup", "gripper", "payload", "torque_limits", "conveyor", "grip_limits", "optimise",
-        "straight", "robots", "frames",
+        "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools", "tool_change", "parts", "torque_limits",
+        "conveyor", "optimise", "straight", "robots", "frames",
     ),
 )  # fmt: skip
-class Picks(Shown):
+class Picks(RobotAndHand, Shown):
     """A list of picks and their shared settings."""
 
     picks: Accepting[tuple[Pick, ...], Iterable[Pick]] = key("the picks in order; their names are unique", hidden=True)
     problems: tuple[PickProblem, ...] = key("rows of the file that could not be read", default=(), hidden=True)
-    tip: SE3 = key(
-        "tcp_from_tip: the frame that is moved to the poses of picks",
-        default_factory=SE3.Identity,
-        kind=Kind(POSE, TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
+    tools: Mapping[str, Tool] = key(
+        "tools by name, or for each the name of a [tool file](tool.md). `tip`, `fingers`, `cup` and gripping joints "
+        "are then those of the tool of a pick; `tool`, `gripper`, `held` and `payload` of the file are always mounted",
+        default_factory=dict,
+        kind=mapping_to(TOOL, "names to tools"),
     )
-    tool: Accepting[tuple[Obstacle, ...], Iterable[Obstacle]] = key(
-        "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", default=(), kind=bodies()
-    )
-    fingers: GripperFingers | None = key(
-        "two moving fingers that are not part of the robot, open before the grasp and closed on the object after it",
+    tool_change: float | Literal["mounted"] | None = key(
+        "time for a change of the tool, at the home configuration; `mounted` if all tools are mounted at the same "
+        "time. Required for several tools",
+        "s",
         default=None,
+        kind=any_of(choice(MOUNTED), number("s", minimum=0), check=_tool_change),
     )
-    cup: SuctionCup | None = key(
-        "a suction cup at the tip, instead of fingers; its body is one of `tool`", default=None
+    parts: Mapping[str, PartType] = key(
+        "part types by name", default_factory=dict, kind=mapping_to(PART_TYPE, "names to part types")
     )
     conveyor: Conveyor | None = key("a belt that moves objects of picks", default=None)
-    gripper: tuple[str, ...] = key(
-        "more links of the robot that may touch the object during and after the approach, as `tool` and `fingers` may",
-        default=(),
-        kind=list_of(ANY_TEXT),
-    )
-    held: Mapping[str, float] = key(
-        "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may touch "
-        "the object",
-        "rad or m",
-        default_factory=dict,
-        kind=_joint_values("open"),
-    )
-    grip: Mapping[str, float] = key(
-        "the values of those joints that differ while an object is held, from the grasp to the release",
-        "rad or m",
-        default_factory=dict,
-        name="held",
-        kind=_joint_values("grip"),
-    )
-    grip_limits: GripLimits = key("the criteria for holding an object", default_factory=GripLimits)
     optimise: int | None = key(
         "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths. A budget that "
         "a caller states overrides it",
@@ -250,22 +188,10 @@ class Picks(Shown):
         default=0.0,
         kind=simple(number(minimum=0).schema, _margin, parsed),
     )
-    payload: Accepting[tuple[Payload, ...], Payload | Iterable[Payload]] = key(
-        "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
-        default=(),
-        kind=any_of(table_of(Payload), list_of(table_of(Payload)), check=lambda _, value: checked_payloads(value)),
-        shown=None,
-    )
     torque_limits: bool = key(
         "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
         default=False,
     )
-    robot: str | None = key(
-        "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)",
-        default=None,
-        kind=Kind(TEXT.schema, TEXT.check, _robot),
-    )
-    tcp: str | None = key("the tcp frame of the arm; by default that of the robot", default=None)
     scene: Path | None = key(
         "a [scene file](scene.md); by default an empty scene",
         default=None,
@@ -279,26 +205,6 @@ class Picks(Shown):
         default_factory=dict,
         kind=mapping_to(NUMBER, "joint names to values"),
         shown=None,
-    )
-    srdf: Path | None = key("an SRDF file of the robot", default=None, kind=file_of())
-    package_dirs: tuple[Path, ...] = key(
-        "a folder, or a list of folders, that contain ROS packages",
-        default=(),
-        kind=any_of(
-            FOLDER, list_of(FOLDER), check=lambda _, value: (value,) if isinstance(value, Path) else tuple(value)
-        ),
-    )
-    xacro_args: Mapping[str, str] = key(
-        "values of the arguments of a xacro file",
-        default_factory=dict,
-        kind=mapping_to(simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
-    )
-    limits: Path | None = key("a file of [joint limits](limits.md)", default=None, kind=file_of())
-    source: Path | None = key("the file they were read from", default=None, hidden=True)
-    places: Mapping[str, str] = key(
-        "positions in that file of the keys that name something of the robot, for messages",
-        default_factory=dict,
-        hidden=True,
     )
     checks: Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = key(
         "checks of configurations at the grasp, each a :class:`~pinproof.picks.PickCheck`",
@@ -340,10 +246,92 @@ class Picks(Shown):
     def __iter__(self) -> Iterator[Pick]:
         return iter(self.picks)
 
-    @property
-    def open_tool(self) -> tuple[Obstacle, ...]:
-        """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
-        return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
+    def grasps_of(self, pick: Pick) -> tuple[Pick, ...]:
+        """The picks with one grasp and one tool each for which a pick stands, in the order in which they are tried.
+
+        A pick without a part, or with a pose of its own, stands for one grasp.
+
+        Raises
+        ------
+        InputError
+            If the part, the grasp or the tool does not exist, or it is not clear which tool is used.
+        """
+        return tuple(grasps_of(pick, self.parts, self.tools, self))
+
+    def with_tool(self, name: str | None) -> Picks:
+        """The settings with the hand of one of the tools, beside what is always mounted."""
+        if name is None:
+            return self
+        own, others = self.tools[name], [tool for other, tool in self.tools.items() if other != name]
+        mounted = others if self.tool_change == MOUNTED else []
+        held = {joint: value for tool in (*mounted, own) for joint, value in tool.held.items()}
+        return replace(
+            self,
+            tip=own.tip,
+            tool=(*self.tool, *own.tool, *(body for tool in mounted for body in tool.open_tool)),
+            fingers=own.fingers,
+            cup=own.cup,
+            gripper=(*self.gripper, *own.gripper),
+            held={**self.held, **held},
+            grip=own.grip,
+            payload=(*self.payload, *own.payload, *(each for tool in mounted for each in tool.payload)),
+            grip_limits=own.grip_limits,
+        )
+
+    def for_pick(self, pick: Pick) -> Picks:
+        """The settings with the hand of a pick with one grasp, see :meth:`grasps_of`."""
+        if self.hand_key(pick) is None:
+            return self
+        name = "the hand of the picks" if pick.tool is None else f"tool {pick.tool!r}"
+        return with_values(self.with_tool(pick.tool), pick, name)
+
+    @staticmethod
+    def hand_key(pick: Pick) -> Hashable:
+        """What the hand of a pick with one grasp depends on; None for the hand of the file."""
+        values = pick.hand_values()
+        if pick.tool is None and not any(values.values()):
+            return None
+        return pick.tool, *(tuple(sorted(stated.items())) for stated in values.values())
+
+    def check_tools(self) -> None:
+        """Check that tools and part types fit each other.
+
+        Raises
+        ------
+        InputError
+            Its message names the key and, where they are from a file, its position.
+        """
+        # The tools
+        count, stated = len(self.tools), [own for own in ("fingers", "cup", "grip") if getattr(self, own)]
+        if count and (stated or not self.tip.isIdentity()):
+            own = {"grip": "held"}.get(stated[0], stated[0]) if stated else "tip"
+            raise Misread(f"is stated beside tools; state it in one of {', '.join(self.tools)}", (f".{own}",))
+        if count > 1 and self.tool_change is None:
+            raise Misread(
+                f"{count} tools are stated but no tool_change; state the seconds of a change, or tool_change: mounted "
+                "if all are mounted at the same time",
+                (".tools",),
+            )
+        names = Counter(
+            body.name
+            for body in (
+                *self.tool,
+                *(b for t in self.tools.values() for b in t.open_tool * (self.tool_change == MOUNTED)),
+            )
+        )
+        if doubled := [name for name, number in names.items() if number > 1]:
+            raise Misread(f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",))
+        # The part types, each with its grasps
+        for name, part in self.parts.items():
+            steps: tuple[str, ...] = (".parts", f".{name}")
+            named = {part.tool: steps}
+            named |= {grasp.tool: (*steps, ".grasps", f"[{grasp.name!r}]") for grasp in part.grasps}
+            for tool, where in named.items():
+                if tool is not None and tool not in self.tools:
+                    raise Misread(str(UnknownNameError("tool", tool, self.tools or ("none",))), (*where, ".tool"))
+            if count > 1 and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
+                reason = f"states no tool for some of its grasps; choose one of {', '.join(self.tools)} for the part"
+                raise Misread(reason, steps)
 
     def refuse_conveyor(self, what: str) -> None:
         """Raise InputError if the picks have a conveyor, which ``what`` does not support."""
@@ -366,21 +354,7 @@ class Picks(Shown):
                 f"{self.source or 'picks'}: is for several robots ({', '.join(self.robots)}), not for a single arm; "
                 "use pinproof cell allocate"
             )
-        if self.robot is None:
-            raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
-        try:
-            # A name that does not exist is reported at its key
-            robot = load_robot(
-                self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
-            )
-            limits = None if self.limits is None else JointLimits.load(self.limits)
-            return robot.arm(self.tcp, limits=limits, held=self.held)
-        except UnknownNameError as error:
-            keys = {"robot": "robot", "frame": "tcp"}
-            key = keys.get(error.kind) or f"{'held' if error.kind == 'joint' else 'xacro_args'}.{error.name}"
-            if self.source is None or key not in self.places:
-                raise
-            raise PicksError(self.source, str(error), self.places[key]) from error
+        return super().load_arm()
 
     def load_scene(self) -> Scene:
         """Load the scene that the file states; an empty one if it states none."""
@@ -423,7 +397,11 @@ class Picks(Shown):
         if belt is not None:
             belt = replace(belt, direction=tuple((placement.rotation @ belt.direction).tolist()))
         picks = tuple(pick.transformed(placement) for pick in self.picks)
-        return replace(self, picks=picks, frames=frames, conveyor=belt)
+        parts = {
+            name: replace(part, grasps=tuple(grasp.turned(placement.rotation) for grasp in part.grasps))
+            for name, part in self.parts.items()
+        }
+        return replace(self, picks=picks, frames=frames, conveyor=belt, parts=parts)
 
     def home_configuration(self, joint_names: Iterable[str], default: npt.NDArray[np.float64]) -> list[float]:
         """The home configuration of the file, or ``default`` (n,) if it states none.
@@ -445,7 +423,7 @@ class Picks(Shown):
 
 SETTINGS = table_of(Picks)
 
-OF_ALL = ("scene", "margin", "torque_limits", "conveyor", "grip_limits", "optimise", "straight", "frames")
+OF_ALL = ("scene", "margin", "torque_limits", "conveyor", "parts", "optimise", "straight", "frames")
 """The settings that all robots of a file share; each robot may state the others."""
 
 CELL_ROBOT = Table(
@@ -473,10 +451,24 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
     where = position(content, "robots")
     shared = replace(shared, robots=step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
     for each in [robot.settings for robot in shared.robots.values()] or [shared]:
+        try:
+            each.check_tools()
+        except Misread as error:
+            raise Misread(error.reason, error.steps, _position(content, error.steps)) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):
             reason = "is valid only if the robot is a file that ends in .xacro"
             raise PicksError(path, reason, each.places["xacro_args"])
     return shared
+
+
+def _position(content: Any, steps: tuple[Any, ...]) -> str:
+    """The position of the innermost of the steps that is a key of a mapping."""
+    where = ""
+    for own in (str(each).removeprefix(".") for each in steps):
+        if not isinstance(content, LinedMapping) or own not in content:
+            break
+        where, content = position(content, own), content[own]
+    return where
 
 
 def _places(content: LinedMapping) -> dict[str, str]:

@@ -225,7 +225,7 @@ def bodies(least: int = 0, most: int | None = None) -> Kind:
             ("grip", "opening"),
             lambda fingers: (
                 f"open to {fingers.opening} m and grip at {fingers.grip} m; required: 0 <= grip <= opening"
-                if fingers.grip > fingers.opening
+                if fingers.grip is not None and fingers.grip > fingers.opening
                 else ""
             ),
         )
@@ -237,7 +237,13 @@ class GripperFingers:
 
     bodies: tuple[Obstacle, Obstacle] = key("the two fingers, fully closed; poses are tcp_from_body", kind=bodies(2, 2))
     opening: float = key("distance between their faces before the grasp", "m", minimum=0)
-    grip: float = key("distance between their faces on the object, at most `opening`", "m", minimum=0)
+    grip: float | None = key(
+        "distance between their faces on the object, at most `opening`; by default the fingers close until both touch "
+        "the object",
+        "m",
+        default=None,
+        minimum=0,
+    )
     axis: Direction = key(
         "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
         default=(0.0, 1.0, 0.0),
@@ -248,8 +254,8 @@ class GripperFingers:
         return self._at(self.opening)
 
     def gripping(self) -> tuple[Obstacle, Obstacle]:
-        """The fingers on the object."""
-        return self._at(self.grip)
+        """The fingers on the object; completely closed if it is not stated where they grip."""
+        return self._at(self.grip or 0.0)
 
     def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
         aside = SE3(np.eye(3), gap / 2 * np.array(self.axis))

@@ -19,7 +19,7 @@ import os
 from abc import ABC, abstractmethod
 from array import array
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from math import prod
@@ -61,6 +61,9 @@ COLUMNS = {
     "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
     "retreat_frame": ("retreat_frame",),
     "spin": ("spin",),
+    "part": ("part",),
+    "grasp": ("grasp",),
+    "tool": ("tool",),
     "object": ("object",),
     "support": ("support",),
     "place.xyz": ("place_x", "place_y", "place_z"),
@@ -519,7 +522,8 @@ def open_picks(path: str | Path) -> PickSource:
                 raise InputError(f"holds {stated!r}, not a mapping; valid keys: {', '.join(DEFAULTS.names)}")
             DEFAULTS.refuse_unknown(stated)
             turned = {} if {"rpy", "quat_xyzw"} & stated.keys() else {"rpy": [0, 0, 0]}
-            example = {"name": "defaults", "xyz": [0, 0, 0], "object": "any", **turned}
+            posed = {"part": "any"} if {"part", "grasp"} & stated.keys() else {"xyz": [0, 0, 0], **turned}
+            example = {"name": "defaults", "object": "any", **posed}
             picks_of_row(completed(example, stated), {}, path)
             return stated
 
@@ -528,6 +532,17 @@ def open_picks(path: str | Path) -> PickSource:
     if table:
         return PickTable(path.parent / rows, shared=shared, defaults=defaults)
     return _list(path, rows, shared, defaults)
+
+
+def _refuse_ungraspable(pick: Pick, settings: Sequence[Picks]) -> None:
+    """Raise InputError, that of the first of these settings, if no one of them has a grasp and a tool for a pick."""
+    for number, own in enumerate(settings, 1):
+        try:
+            own.grasps_of(pick)
+            return
+        except InputError:
+            if number == len(settings):
+                raise
 
 
 def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any]) -> PickList:
@@ -545,6 +560,8 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
                     raise InputError(f"states the arm {pick.arm!r}, but the file has no robots")
                 if pick.arm is not None and pick.arm not in shared.robots:
                     raise UnknownNameError("arm", pick.arm, shared.robots, "the robots of the file")
+                arms = [robot.settings for arm, robot in shared.robots.items() if pick.arm in (None, arm)]
+                _refuse_ungraspable(pick, arms or [shared])
             taken.update(pick.name for pick in made)
             picks += made
         except (InputError, FileError) as error:

@@ -73,7 +73,7 @@ from pinproof.picks.judging.place import Placer, PlaceSearch, Placing, Scores
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask
 from pinproof.picks.judging.timing import time_motion
-from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult, grasp_failure
 from pinproof.spatial import Array
 
 MANY = 64
@@ -376,16 +376,39 @@ Judged = tuple[PickVerdict, Attempt | None]
 
 
 def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
-    """The verdict on one pick in a cell."""
+    """The verdict on one pick in a cell: that of the first of its grasps that is good, else of the furthest one."""
     seeds = rng.integers(2**31, size=4).tolist()
-    return judge_on_conveyor(pick, cell, seeds) if on_conveyor(pick, cell) else _judge(pick, cell, seeds)
+    alone = judge_on_conveyor if on_conveyor(pick, cell) else _judge
+    try:
+        grasps = cell.shared.grasps_of(pick)
+    except InputError as error:
+        return _unreadable(pick, error)
+    if len(grasps) == 1:
+        return alone(grasps[0], cell, seeds)
+    # The grasps of the part in their order, without suggestions for those that fail
+    tried: list[PickVerdict] = []
+    for grasp in grasps:
+        verdict = alone(grasp, cell.without_remedies, seeds)
+        if verdict.ok:
+            return replace(verdict, grasps_failed=tuple(map(grasp_failure, tried)))
+        tried.append(verdict)
+    # No grasp is good: the furthest one, with suggestions; impossible only if every grasp is
+    furthest = max(tried, key=lambda found: len(found.stages))
+    verdict = alone(furthest.pick, cell, seeds) if cell.budget.remedies else furthest
+    if any(found.status is PickStatus.NOT_FOUND for found in tried):
+        verdict = replace(verdict, status=PickStatus.NOT_FOUND, refuted=())
+    return replace(verdict, grasps_failed=tuple(grasp_failure(found) for found in tried if found is not furthest))
+
+
+def _unreadable(pick: Pick, error: InputError) -> PickVerdict:
+    return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
 
 
 def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
     try:
         task = PickTask(pick, cell)
     except InputError as error:
-        return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+        return _unreadable(pick, error)
     # Group by group, in order of the distance from the nominal grasp
     tried, members, judged = 0, 0, list[Judged]()
     for group in task.groups():

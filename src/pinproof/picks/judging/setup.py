@@ -22,8 +22,8 @@ from pinproof.collision import (
 from pinproof.common.content_hash import describe_code, digest
 from pinproof.common.results import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
-from pinproof.description import GENERATED_BODIES, has_generated_bodies, moved_by
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.description import GENERATED_BODIES, has_generated_bodies
+from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import Pick
@@ -31,13 +31,10 @@ from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
 from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.task import PickCell, PickTask, torque_limits_of_tool
+from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, torque_limits_of_tool
 from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import twist_size, xyz_rpy
-
-HELD_TOLERANCE = 1e-9
-"""rad or m: two values of a held joint that differ by less are considered equal."""
 
 GRASP_TOLERANCE = 1e-4
 """m and rad: by how much the tip of a program may be away from the grasp and the release of its pick. The rounding of
@@ -102,19 +99,28 @@ class PickSetup:
                 f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
                 "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
             )
+        picks.check_tools()
         check_held_joints(arm, picks)
         torque_limits_of_tool(arm, picks)
         # The arm at rest in its cell, with the open hand
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
-        checked = checker.check(start)
-        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
-        if trouble:
-            trouble += filter(None, [overlap_hint(checker, start, checked)])
-            if home is None and not (picks.home or arm.robot.home):
-                trouble.append("the robot states no home, and this is the middle of its limits; state one in the picks")
-            raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
+        for tool in (None, *picks.tools):
+            hand = picks.with_tool(tool)
+            held = checker if tool is None else checker.with_held(hand.held).with_attached(*hand.open_tool)
+            checked = held.check(start)
+            trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
+            if trouble:
+                trouble += filter(None, [overlap_hint(held, start, checked)])
+                if home is None and not (picks.home or arm.robot.home):
+                    reason = "the robot states no home, and this is the middle of its limits; state one in the picks"
+                    trouble.append(reason)
+                mounted = "" if tool is None else f" with tool {tool!r}"
+                raise InputError(f"home is not a valid start{mounted}: {'; '.join(trouble)}")
+            if tool is not None:
+                check_held_joints(held.arm, hand)
+                torque_limits_of_tool(held.arm, hand)
         # Streams of random numbers that do not depend on earlier calls with this generator
         seeds = seed_sequence(rng)
         return cls(
@@ -291,7 +297,7 @@ class PickSetup:
 
     def identity(self) -> dict[str, Any]:
         """The parts that identify this setup, as plain values for JSON; large parts as hashes."""
-        arm = self.checker.arm
+        arm, shared = self.checker.arm, self.shared
         kinematics = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
         attached = {each.name for each in self.checker.attached}
         obstacles = [body.content() for body in self.checker.bodies if body.link is None]
@@ -301,55 +307,18 @@ class PickSetup:
             "limits": digest(arm.limits),
             "scene": f"{len(self.checker.scene)} obstacles {digest(obstacles)}",
             "tool": f"{len(self.checker.attached)} bodies {digest(tool)}",
-            "tip": (xyz_rpy(self.shared.tip) + 0.0).tolist(),
+            "tip": (xyz_rpy(shared.tip) + 0.0).tolist(),
             "margin": self.checker.margin,
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest(
-                (self.shared.fingers, self.shared.cup, self.shared.gripper, self.shared.grip, self.shared.grip_limits)
-            ),
-            "conveyor": digest(self.shared.conveyor),
-            "payload": digest((self.shared.payload, self.shared.torque_limits)),
-            "straight": self.shared.straight,
-            "frames": digest(self.shared.frames),
+            "hand": digest((shared.fingers, shared.cup, shared.gripper, shared.grip, shared.grip_limits)),
+            "conveyor": digest(shared.conveyor),
+            "payload": digest((shared.payload, shared.torque_limits)),
+            "straight": shared.straight,
+            "frames": digest(shared.frames),
+            **({"tools": digest((shared.tools, shared.tool_change))} if shared.tools else {}),
+            **({"parts": digest(shared.parts)} if shared.parts else {}),
             "judged by": digest((self.weights, self.budget)),
-            **({"checks": [describe_code(check) for check in self.shared.checks]} if self.shared.checks else {}),
+            **({"checks": [describe_code(check) for check in shared.checks]} if shared.checks else {}),
         }
-
-
-def check_held_joints(arm: Arm, picks: Picks) -> None:
-    """Raise if the held joints, the gripper links or the gripping values of the picks do not fit the arm."""
-    # Joints outside the arm are where the picks assume them
-    for name, value in picks.held.items():
-        if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
-            actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
-            raise InputError(
-                f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
-                "robot.arm(held=picks.held)"
-            )
-    # The two values of finger joints are within their limits
-    joints = arm.robot.urdf.joints
-    for name, closed in picks.grip.items():
-        if name not in arm.held or joints[name].mimic is not None:
-            others = [joint for joint in arm.held if joints[joint].mimic is None]
-            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
-        low = -np.inf if (lower := joints[name].lower) is None else lower
-        high = np.inf if (upper := joints[name].upper) is None else upper
-        for when, value in {"open": arm.held[name], "grip": closed}.items():
-            if not low <= value <= high:
-                raise InputError(f"{name} = {value:g} ({when}) is outside its limits [{low:g}, {high:g}]")
-    if mover := moved_by(arm.robot.urdf, arm.tcp, picks.grip):
-        raise InputError(
-            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
-        )
-    moving = (*arm.joint_names, *arm.followers)
-    for name in picks.gripper:
-        if name not in arm.robot.urdf.links:
-            raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
-        # only of bodies that do not move relative to the part is the depth in it judged
-        if (mover := moved_by(arm.robot.urdf, name, moving)) != (carrier := moved_by(arm.robot.urdf, arm.tcp, moving)):
-            raise InputError(
-                f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
-                f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
-            )

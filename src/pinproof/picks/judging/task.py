@@ -41,6 +41,9 @@ from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import planner_of
 from pinproof.spatial import SE3, Array, matrix
 
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are considered equal."""
+
 GRIPS_KEPT = 256
 """Number of grips that a cell keeps for other picks of equal parts."""
 
@@ -60,6 +63,10 @@ class PickCell:
     weights: PickWeights = field(default_factory=PickWeights)
     budget: PickBudget = field(default_factory=PickBudget)
     trial: Stage | None = None
+    bare: PickCell | None = field(default=None, repr=False)
+    """The cell with the hand of the picks file, of which this one has the hand of some of the picks."""
+    hand_key: Hashable = field(default=None, repr=False)
+    """What its hand depends on, see :meth:`Picks.hand_key`."""
     grips: dict[Hashable, GripResult] = field(default_factory=dict, init=False, repr=False)
     """The first :data:`GRIPS_KEPT` different grips that were judged."""
     depths: dict[Hashable, tuple[BodyDepth, ...]] = field(default_factory=dict, init=False, repr=False)
@@ -67,6 +74,7 @@ class PickCell:
     surfaces: dict[str, LineSurface] = field(default_factory=dict, init=False, repr=False)
     """The surfaces of the obstacles of the scene that were picked."""
     _trials: dict[Stage, PickCell] = field(default_factory=dict, init=False, repr=False)
+    _hands: dict[Hashable, PickCell] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def arm(self) -> Arm:
@@ -80,10 +88,41 @@ class PickCell:
             self._trials[failed] = replace(self, budget=budget, trial=failed)
         return self._trials[failed]
 
+    def for_pick(self, pick: Pick) -> PickCell:
+        """The cell with the hand of a pick with one grasp.
+
+        Raises
+        ------
+        InputError
+            If the values of the hand that the pick states do not fit the robot or its tool.
+        """
+        key = self.shared.hand_key(pick)
+        if key == self.hand_key:
+            return self
+        bare = self.bare or self
+        if key not in bare._hands:
+            shared = bare.shared.for_pick(pick)
+            checker = bare.checker.with_held(shared.held).with_attached(*shared.open_tool)
+            check_held_joints(checker.arm, shared)
+            made = replace(bare, checker=checker, shared=shared, bare=bare, hand_key=key)
+            object.__setattr__(made, "surfaces", bare.surfaces)
+            bare._hands[key] = made
+        return bare._hands[key]
+
+    @cached_property
+    def without_remedies(self) -> PickCell:
+        """The cell for judging grasps of which another one may be good: no suggestions are made."""
+        return replace(self, budget=replace(self.budget, remedies=0))
+
+    @property
+    def grip(self) -> dict[str, float]:
+        """The values of the gripping joints while the part is held."""
+        return {name: value for name, value in self.shared.grip.items() if value is not None}
+
     @cached_property
     def closed_hand(self) -> CollisionChecker:
         """The checker with the fingers on the object."""
-        closed, fingers = self.checker.with_held(self.shared.grip), self.shared.fingers
+        closed, fingers = self.checker.with_held(self.grip), self.shared.fingers
         return closed if fingers is None else closed.with_attached(*fingers.gripping())
 
     @cached_property
@@ -105,7 +144,7 @@ class PickCell:
     @cached_property
     def fingers(self) -> tuple[MovingFinger, ...]:
         """The moving fingers; empty for a tool without fingers."""
-        return fingers_of(self.arm, self.shared.fingers, self.shared.grip)
+        return fingers_of(self.arm, self.shared.fingers, self.grip)
 
     @cached_property
     def palm_bodies(self) -> tuple[HandBody, ...]:
@@ -150,6 +189,47 @@ class PickCell:
         return has_closed_form(self.arm)
 
 
+def check_held_joints(arm: Arm, picks: Picks) -> None:
+    """Raise if the held joints, the gripper links or the gripping values of the picks do not fit the arm."""
+    # Joints outside the arm are where the picks assume them
+    for name, value in picks.held.items():
+        if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
+            actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
+            raise InputError(
+                f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
+                "robot.arm(held=picks.held)"
+            )
+    if picks.fingers is not None and picks.fingers.grip is None:
+        raise InputError("the fingers state no grip, the distance between their faces on the part")
+    # The two values of finger joints are within their limits
+    joints = arm.robot.urdf.joints
+    for name, closed in picks.grip.items():
+        if name not in arm.held or joints[name].mimic is not None:
+            others = [joint for joint in arm.held if joints[joint].mimic is None]
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
+        low = -np.inf if (lower := joints[name].lower) is None else lower
+        high = np.inf if (upper := joints[name].upper) is None else upper
+        if closed is None:
+            raise InputError(f"{name} states no grip, the value at which it holds the part")
+        for when, value in {"open": arm.held[name], "grip": closed}.items():
+            if value is not None and not low <= value <= high:
+                raise InputError(f"{name} = {value:g} ({when}) is outside its limits [{low:g}, {high:g}]")
+    if mover := moved_by(arm.robot.urdf, arm.tcp, picks.grip):
+        raise InputError(
+            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
+        )
+    moving = (*arm.joint_names, *arm.followers)
+    for name in picks.gripper:
+        if name not in arm.robot.urdf.links:
+            raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
+        # only of bodies that do not move relative to the part is the depth in it judged
+        if (mover := moved_by(arm.robot.urdf, name, moving)) != (carrier := moved_by(arm.robot.urdf, arm.tcp, moving)):
+            raise InputError(
+                f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
+                f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
+            )
+
+
 FAR_GRASP = 0.1
 """Metres. A tip and fingers that are farther from the surface of the object are probably stated in another frame."""
 
@@ -191,6 +271,9 @@ class PickTask:
     """
 
     def __init__(self, pick: Pick, cell: PickCell) -> None:
+        if pick.by_part:
+            raise InputError(f"pick {pick.name!r} stands for several grasps; choose one of picks.grasps_of(pick)")
+        cell = cell.for_pick(pick)
         self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
         self.outside = cell.checker
         """The checker before the grasp, without an object that the pick states itself."""

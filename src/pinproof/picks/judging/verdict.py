@@ -242,7 +242,8 @@ class Suggestion(ABC):
 @struct(
     "verdict",
     first=("name", "verdict", "failed_at", "reason", "remedy", "frame", "xyz", "rpy", "member", "configurations_tried",
-           "grip", "stages", "refuted", "q_grasp", "grasp_time", "release_time", "intercept", "duration", "score",
+           "grip", "grasp", "tool", "grasps_failed", "stages", "refuted", "q_grasp", "grasp_time", "release_time",
+           "intercept", "duration", "score",
            "clearance_proven", "clearance_observed", "pairs_proven", "margin", "motions", "excluded_pairs"),
     rules=[
         {
@@ -310,6 +311,11 @@ class PickVerdict(ProvenMotion, Shown, Written):
     )
     grip: GripResult | None = key("how the part of a good pick is held", default=None, added=True)
     intercept: Intercept | None = key("where and when a part is taken from a conveyor", default=None, added=True)
+    grasps_failed: tuple[str, ...] = key(
+        "the other grasps of its part that were tried, each with the stage at which it failed and the reason",
+        default=(),
+        added=True,
+    )
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "q_grasp")
@@ -340,6 +346,18 @@ class PickVerdict(ProvenMotion, Shown, Written):
     def failed(self) -> Stage | None:
         """The stage that failed; null for a good pick."""
         return None if self.ok else self.stages[-1].stage
+
+    @property
+    @reported(kind=optional(ANY_TEXT))
+    def grasp(self) -> str | None:
+        """The grasp of its part with which it was judged; null for a pick with a pose of its own."""
+        return self.pick.grasp
+
+    @property
+    @reported(kind=optional(ANY_TEXT))
+    def tool(self) -> str | None:
+        """The tool with which it was judged; null if the file has no tools."""
+        return self.pick.tool
 
     @property
     @reported()
@@ -490,6 +508,11 @@ class PickVerdict(ProvenMotion, Shown, Written):
     def clearance(self) -> float:
         """Metres: the smallest proven clearance of all motions; NaN unless GOOD."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
+
+
+def grasp_failure(verdict: PickVerdict) -> str:
+    """The grasp of a failed verdict, with the stage and the reason in one line."""
+    return f"{verdict.pick.grasp}: {verdict.stages[-1].stage.value}: {verdict.reason.split('; ')[0]}"
 
 
 def _clock(seconds: float) -> int:

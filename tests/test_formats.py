@@ -294,9 +294,9 @@ MIXED_PICKS = {
         },
         **{f"part {k}": {key: shape[key] for key in shape if key in SHAPES_BY_KEY} for k, shape in enumerate(SHAPES)},
     },
-    "defaults": {"part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", "friction": 0.3, **VALUES},
+    "defaults": {"part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", **VALUES},
     "picks": [
-        {"name": "one", "part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", "friction": 0.3, **VALUES},
+        {"name": "one", "part": "bolt", "grasp": "head", "object": "bolt_1", "tool": "jaws", **VALUES},
         {"name": "same"},
     ],
 }

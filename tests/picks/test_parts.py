@@ -53,10 +53,11 @@ def test_a_pick_of_a_part_stands_for_the_grasps_of_its_part_in_their_order(tmp_p
     ]
     assert (top.approach, second.approach) == (0.05, 0.08)  # what a grasp states replaces what the pick states
     np.testing.assert_allclose(pp.xyz_rpy(top.pose), [0, 0, 0.02, np.pi, 0, 0], atol=1e-15)
-    assert (top.payload.mass, top.friction) == (0.1, 0.4)
+    assert top.payload.mass == 0.1
     jaws, cup = picks.for_pick(top), picks.for_pick(second)
     assert (jaws.fingers.opening, jaws.cup) == (0.04, None)  # that of the pick replaces that of the part
     assert (cup.fingers, cup.cup.gap, cup.cup.radius) == (None, 0.002, 0.02)
+    assert (jaws.grip_limits.friction, cup.cup.friction) == (0.4, 0.4)
     np.testing.assert_allclose(cup.tip.translation, [0, 0, 0.1])
     assert picks.grasps_of(top)[0].hand_values() == top.hand_values()
 
@@ -91,7 +92,7 @@ def test_a_pick_may_choose_the_grasp_or_the_tool(tmp_path: Path) -> None:
         ("part: block, object: x, rpy: [0, 0, 0]", "states rpy but no xyz"),
         ("part: bare, object: x", "part 'bare' states no grasps"),
         ("part: top_only, object: x, tool: cup", "the grasps of its part are top (jaws)"),
-        ("part: block, object: x, friction: 0", "friction of pick 'wrong' must be a finite number above 0"),
+        ("part: block, object: x, grip_limits: {friction: 0}", "above 0"),
         ("part: block, object: x, fingers: {width: 1}", "unknown key 'width'; valid: grip, opening"),
         ("grasp: top, object: x", "a grasp of its part and xyz"),
     ],

@@ -105,6 +105,15 @@ class PartType(HandValues, ByValue):
             return None
         return Payload(self.mass, self.center_of_mass or np.zeros(3), self.inertia)
 
+    def that_fit(self, hand: Hand) -> HandValues:
+        """The values for a hand, with the friction of the part."""
+        values = super().that_fit(hand)
+        if self.friction is None:
+            return values
+        limits = {"friction": self.friction, **values.grip_limits}
+        cup = {} if hand.cup is None else {"friction": self.friction, **values.cup}
+        return replace(values, grip_limits=limits, cup=cup)
+
 
 PART = table_of(PartType)
 
@@ -155,7 +164,7 @@ def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Too
         if part is not None:
             own = hand if tool is None else tools[tool]
             changes |= part.that_fit(own).hand_values(pick if grasp is None else pick.that_fit(own), *stated[:-1])
-            changes |= {own: getattr(part, own) for own in ("payload", "friction") if getattr(pick, own) is None}
+            changes["payload"] = pick.payload or part.payload
         if grasp is not None:
             frame = {"pose": grasp.pose, "frame": str(pick.carried), "by_part": False, "grasp": grasp.name}
             changes |= {**grasp.lines(), **frame}

@@ -523,11 +523,6 @@ class Pick(HandValues, StraightLines, Shown):
     part: str | None = key("the type of its object, one of `parts`", default=None)
     grasp: str | None = key("the grasp of its part; by default all of them are tried in order", default=None)
     tool: str | None = key("the tool, one of `tools`; by default that of the grasp or of the part", default=None)
-    friction: float | None = key(
-        "coefficient of friction between the object and the fingers or the cup, above 0; by default that of the part",
-        default=None,
-        above=0,
-    )
     by_part: bool = key(
         "whether the grasps of the part are tried, because no pose is stated", default=False, hidden=True
     )

@@ -425,7 +425,7 @@ def test_invalid_cells_and_removals_from_something_else_are_refused():
     seen, home = DepthView.read(IMAGE, CAMERA, ABOVE), checker.arm.home
     for changes, words in (
         ({"cells": np.full((2, 2, 2), 4)}, "states 0 to 3"), ({"cells": [[[0, 1]], [[0]]]}, "differ in length"),
-        ({"record": "one sentence"}, "sequence of sentences"), ({"record": [3]}, "sequence of sentences"),
+        ({"record": "one sentence"}, "record is .*not a list"), ({"record": [3]}, "record.0. is 3"),
         ({"cells": np.zeros((2, 2))}, "shape"), ({"cells": np.zeros((0, 2, 2), int)}, "shape"),
         ({"low": (0, 0.5, 0)}, "three integers"), ({"voxel": -1}, "voxel"), ({"low": (10**6, 0, 0)}, "limit"),
     ):  # fmt: skip

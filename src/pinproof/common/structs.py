@@ -23,7 +23,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
 from operator import attrgetter
@@ -776,6 +776,11 @@ def struct(
 
     def decorated(cls: Class) -> Class:
         further = cls.__dict__.get("__post_init__")
+        # A subclass that states another default of a field keeps its declaration
+        for name, inherited in getattr(cls, "__dataclass_fields__", {}).items():
+            default = cls.__dict__.get(name, MISSING)
+            if name in inspect.get_annotations(cls) and not isinstance(default, Field | type(MISSING)):
+                setattr(cls, name, field(default=default, metadata=inherited.metadata))
 
         def __post_init__(self: Any) -> None:
             own = getattr(self, "name", None)
@@ -936,7 +941,8 @@ def _shown(default: Any) -> Any:
 def _documented(cls: Any) -> tuple[str, str]:
     """The description of a struct, and its docstring with the meaning of the fields."""
     # The sections that the class states itself follow the list of fields
-    about, *sections = re.split(r"\n(?=(?:Raises|Notes)\n---)", inspect.cleandoc(cls.__doc__), maxsplit=1)
+    heads = r"\n(?=(?:Attributes|Raises|Notes|References)\n---)"
+    about, *sections = re.split(heads, inspect.cleandoc(cls.__doc__), maxsplit=1)
     lines = [about.rstrip(), "", "Parameters", "----------"]
     for each in fields(cls):
         if own := each.metadata.get("declared"):

@@ -7,11 +7,11 @@ The catalogue has for each name its files, the tcp frame and a home configuratio
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pinproof.common.structs import described, key
 from pinproof.description.mjcf import read_mjcf
 from pinproof.description.ros_files import example_robot_data
 from pinproof.description.srdf import Srdf
@@ -28,36 +28,26 @@ SIDES = ("left", "right")
 """The suffixes of the two entries of a robot with two arms."""
 
 
-@dataclass(frozen=True)
+@described()
 class CatalogueEntry:
-    """A robot of the catalogue.
+    """A robot of the catalogue."""
 
-    Parameters
-    ----------
-    name
-        Name in the catalogue.
-    urdf, srdf
-        Files of the robot.
-    tcp
-        Default tcp of ``robot.arm()``.
-    home
-        Home configuration without self-collision: joint name to value (rad or m).
-    base
-        Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
-    overlaps
-        Pairs of links whose collision geometry overlaps by design (`pinproof info --overlaps`).
-    arms
-        The tcp frames of the arms of ``robot.arms()`` by name, for a robot with several.
-    """
-
-    name: str
-    urdf: Path
-    srdf: Path | None
-    tcp: str
-    home: Mapping[str, float] = field(default_factory=dict)
-    base: str | None = None
-    overlaps: tuple[tuple[str, str], ...] = ()
-    arms: Mapping[str, str] = field(default_factory=dict)
+    name: str = key("name in the catalogue")
+    urdf: Path = key("its URDF file")
+    srdf: Path | None = key("its SRDF file")
+    tcp: str = key("default tcp of ``robot.arm()``")
+    home: Mapping[str, float] = key(
+        "home configuration without self-collision: joint name to value (rad or m)", default_factory=dict
+    )
+    base: str | None = key(
+        "default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link", default=None
+    )
+    overlaps: tuple[tuple[str, str], ...] = key(
+        "pairs of links whose collision geometry overlaps by design (`pinproof info --overlaps`)", default=()
+    )
+    arms: Mapping[str, str] = key(
+        "the tcp frames of the arms of ``robot.arms()`` by name, for a robot with several", default_factory=dict
+    )
 
 
 def catalogue_names() -> tuple[str, ...]:

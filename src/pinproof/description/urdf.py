@@ -16,6 +16,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.structs import described, key
 from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.ros_files import MeshFile, expand_xacro, leaves_package, locate
 from pinproof.description.xml_reader import (
@@ -38,34 +39,20 @@ Shape = Literal["box", "capsule", "cylinder", "mesh", "sphere"]
 Rgba = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class LinkGeometry:
-    """One ``<visual>`` or ``<collision>`` element.
+    """One ``<visual>`` or ``<collision>`` element."""
 
-    Parameters
-    ----------
-    name
-        Unique name in the robot: ``LINK_0``, ``LINK_1``, ... in the order of the file.
-    link
-        Name of the link.
-    kind, size
-        Shape and its size in metres. Box: full sides (x, y, z). Sphere: (radius,). Cylinder and capsule, along z:
-        (radius, length), the length of a capsule without its caps. Mesh: the scale (x, y, z).
-    origin
-        (4, 4) link_from_geometry.
-    mesh
-        File of a mesh.
-    rgba
-        Colour of the material, 0 to 1.
-    """
-
-    name: str
-    link: str
-    kind: Shape
-    size: tuple[float, ...]
-    origin: npt.NDArray[np.float64]
-    mesh: MeshFile | None = None
-    rgba: Rgba | None = None
+    name: str = key("unique name in the robot: ``LINK_0``, ``LINK_1``, ... in the order of the file")
+    link: str = key("name of the link")
+    kind: Shape = key("shape")
+    size: tuple[float, ...] = key(
+        "size of the shape in metres. Box: full sides (x, y, z). Sphere: (radius,). Cylinder and capsule, along z: "
+        "(radius, length), the length of a capsule without its caps. Mesh: the scale (x, y, z)"
+    )
+    origin: npt.NDArray[np.float64] = key("(4, 4) link_from_geometry")
+    mesh: MeshFile | None = key("file of a mesh", default=None)
+    rgba: Rgba | None = key("colour of the material, 0 to 1", default=None)
 
 
 FARTHEST = 1e4

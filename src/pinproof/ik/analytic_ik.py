@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof import _core
-from pinproof.common.validation import Rng, random_generator, require_integer, require_positive, require_type
+from pinproof.common.structs import key, struct
+from pinproof.common.validation import Rng, random_generator, require_integer, require_type
 from pinproof.errors import InputError
 from pinproof.ik.analytic_branches import IkBranches, IkBranchesBatch, sweep_many
 from pinproof.ik.analytic_plan import Plan, plan_for
@@ -36,7 +36,7 @@ PROOF_BOXES = 400
 """Largest number of boxes of a proof for a target at which the closed form found no branch and is not complete."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class AnalyticIk:
     """All IK branches, in closed form or by elimination.
 
@@ -47,13 +47,6 @@ class AnalyticIk:
     polynomial (``src/core/closed_form/prismatic_loop.h``). Shorter arms are completed to six joints; for arms of seven,
     one joint is swept. Every solution is verified by forward kinematics.
 
-    Parameters
-    ----------
-    position_tolerance, orientation_tolerance
-        Largest errors of a solution, in m and rad.
-    redundant_steps
-        Number of values in the sweep of the redundant joint of an arm of seven joints.
-
     References
     ----------
     Pieper (1968), "The kinematics of manipulators under computer control"; Elias, Wen (2022), "IK-Geo: Unified robot
@@ -61,14 +54,11 @@ class AnalyticIk:
     manipulator and related linkages".
     """
 
-    position_tolerance: float = 1e-9
-    orientation_tolerance: float = 1e-9
-    redundant_steps: int = 128
-
-    def __post_init__(self) -> None:
-        require_positive("position_tolerance", self.position_tolerance)
-        require_positive("orientation_tolerance", self.orientation_tolerance)
-        require_integer("redundant_steps", self.redundant_steps, 2)
+    position_tolerance: float = key("largest distance of a solution from the target", "m", default=1e-9, above=0)
+    orientation_tolerance: float = key("largest angle of a solution from the target", "rad", default=1e-9, above=0)
+    redundant_steps: int = key(
+        "number of values in the sweep of the redundant joint of an arm of seven joints", default=128, minimum=2
+    )
 
     engine: ClassVar[str] = "analytic"
     _latest: ClassVar[tuple[Any, Any]] = (lambda: None, None)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from pinproof._core import ClikStep, FabrikStep
+from pinproof.common.structs import key, struct
 from pinproof.errors import InputError
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
@@ -25,7 +25,7 @@ HANDOVER = 1e-2
 quadratically, FABRIK's passes linearly."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class Fabrik(IterativeIk):
     """Forward and backward reaching inverse kinematics, without a Jacobian.
 
@@ -47,13 +47,6 @@ class Fabrik(IterativeIk):
     supported tasks are a position, an orientation, both, and those with one free rotation. Goals and mimic joints are
     not supported.
 
-    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
-
-    Parameters
-    ----------
-    polish
-        Whether the last centimetre is solved by the steps of :class:`~pinproof.Clik`, which meet tolerances of 1e-6.
-
     References
     ----------
     Aristidou, Lasenby (2011), "FABRIK: A fast, iterative solver for the inverse kinematics problem"; Aristidou,
@@ -65,14 +58,12 @@ class Fabrik(IterativeIk):
     orientation_tolerance: float = 1e-4
     max_iterations: int = 300
     max_step: float = TURN
-    polish: bool = False
+    polish: bool = key(
+        "whether the last centimetre is solved by the steps of :class:`~pinproof.Clik`, which meet tolerances of 1e-6",
+        default=False,
+    )
 
     stall: ClassVar[Stall] = Stall(patience=100)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not isinstance(self.polish, bool):
-            raise InputError(f"polish must be True or False, not {self.polish!r}")
 
     def check(self, arm: Arm, task: Task, goal: GoalLike | None) -> None:
         """Reject tasks, goals and arms that the passes do not support."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, get_args
+from dataclasses import replace
+from typing import ClassVar, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from pinproof._core import IkSolver, JointRange
 from pinproof._core import Search as CompiledSearch
-from pinproof.common.validation import Rng, require_integer, require_positive, require_type
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.common.structs import key, struct
+from pinproof.common.validation import Rng, require_integer, require_type
+from pinproof.errors import InputError
 from pinproof.ik.loop import (
     AnyCandidate,
     CompiledRule,
@@ -44,34 +45,15 @@ from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
 
 Accept = Callable[[Array], bool]
 EngineName = Literal["auto", "compiled", "pinocchio"]
-ENGINES = get_args(EngineName)
 
 SAME_SOLUTION = 1e-3
 """Solutions whose joints all differ by less (rad or m) count as one. At a singular target, configurations up to about
 this far apart have poses within 1e-6 of each other."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class IterativeIk(ABC):
     """Base class of the iterative methods: settings and search. A method implements :meth:`step_rule`.
-
-    Parameters
-    ----------
-    position_tolerance
-        Largest distance in m between the tcp and the target for a solution.
-    orientation_tolerance
-        Largest angle in rad between the orientations of tcp and target for a solution.
-    max_iterations
-        Maximum number of steps of one attempt.
-    restarts
-        Maximum number of attempts after the first. The first attempt starts at q0. The second starts at the
-        configuration closest in pose to the target among the flips of the first result (one joint mirrored about the
-        middle of its range) and a low-discrepancy set within the limits; the others start at the closest of that set.
-    max_step
-        Largest motion of a joint in one step, in rad or m.
-    engine
-        ``"compiled"``; ``"pinocchio"``, which computes the same iterates with Pinocchio's kinematics about a hundred
-        times slower; or ``"auto"``: compiled, unless ``on_step`` is given or the method has no compiled rule.
 
     Raises
     ------
@@ -79,23 +61,29 @@ class IterativeIk(ABC):
         If a setting is invalid.
     """
 
-    position_tolerance: float = 1e-6
-    orientation_tolerance: float = 1e-6
-    max_iterations: int = 100
-    restarts: int = 50
-    max_step: float = 1.0
-    engine: EngineName = "auto"
+    position_tolerance: float = key(
+        "largest distance between the tcp and the target for a solution", "m", default=1e-6, above=0
+    )
+    orientation_tolerance: float = key(
+        "largest angle between the orientations of tcp and target for a solution", "rad", default=1e-6, above=0
+    )
+    max_iterations: int = key("maximum number of steps of one attempt", default=100, minimum=1)
+    restarts: int = key(
+        "maximum number of attempts after the first. The first attempt starts at q0. The second starts at the "
+        "configuration closest in pose to the target among the flips of the first result (one joint mirrored about the "
+        "middle of its range) and a low-discrepancy set within the limits; the others start at the closest of that set",
+        default=50,
+        minimum=0,
+    )
+    max_step: float = key("largest motion of a joint in one step", "rad or m", default=1.0, above=0)
+    engine: EngineName = key(
+        '``"compiled"``; ``"pinocchio"``, which computes the same iterates with the kinematics of Pinocchio about a '
+        'hundred times slower; or ``"auto"``: compiled, unless ``on_step`` is given or the method has no compiled rule',
+        default="auto",
+    )
 
     stall: ClassVar[Stall] = Stall()
     """The criterion for ending an attempt of this method early."""
-
-    def __post_init__(self) -> None:
-        for name in ("position_tolerance", "orientation_tolerance", "max_step"):
-            require_positive(name, getattr(self, name))
-        require_integer("max_iterations", self.max_iterations, 1)
-        require_integer("restarts", self.restarts, 0)
-        if self.engine not in ENGINES:
-            raise UnknownNameError("engine", self.engine, ENGINES)
 
     @abstractmethod
     def step_rule(self) -> StepRule:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pinproof._core import ClikStep, SingularStep
-from pinproof.common.validation import require_positive
+from pinproof.common.structs import key, struct
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, ObservingRule, StepRule
 from pinproof.spatial import Array
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class Clik(IterativeIk):
     """Closed-loop inverse kinematics: the default method, for every arm and task.
 
@@ -26,24 +24,13 @@ class Clik(IterativeIk):
     not, which suppresses the nearly singular directions first; and after a step that increased the error, so that an
     arm with an unreachable target converges to a stretched configuration without oscillation.
 
-    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
-
-    Parameters
-    ----------
-    damping
-        The factor above, at least 0. Larger values are slower and more robust.
-
     References
     ----------
     Sugihara (2011), "Solvability-Unconcerned Inverse Kinematics by the Levenberg-Marquardt Method", eq. 22.
     More (1978), "The Levenberg-Marquardt algorithm: implementation and theory": damping that fits the step to a bound.
     """
 
-    damping: float = 0.1
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_positive("damping", self.damping, zero=True)
+    damping: float = key("the factor above. Larger values are slower and more robust", default=0.1, minimum=0)
 
     def step_rule(self) -> ObservingRule:
         """The damped least-squares step with these settings."""
@@ -83,22 +70,13 @@ class _DampedStep:
         return np.asarray(step)
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class DampedLeastSquares(IterativeIk):
     """Inverse kinematics by damped least squares: step = -A^T (A A^T + lambda^2 I)^-1 r.
 
     The damping depends on the distance from a singularity and from the target: with s the smallest singular value of A
     within its rank, ``lambda^2 = damping^2 |r| (1 - (s / region)^2)`` for s below ``region``, else 0. It decreases with
     the residual, so that singular targets are reached within the tolerance.
-
-    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
-
-    Parameters
-    ----------
-    damping
-        The largest lambda, at a singularity for a residual of norm 1; above 0.
-    region
-        The singular value (metres and radians mixed) below which the step is damped; above 0.
 
     References
     ----------
@@ -108,13 +86,10 @@ class DampedLeastSquares(IterativeIk):
     "General inverse kinematics with the error damped pseudoinverse": the damping that follows the error.
     """
 
-    damping: float = 0.5
-    region: float = 0.5
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_positive("damping", self.damping)
-        require_positive("region", self.region)
+    damping: float = key("the largest lambda, at a singularity for a residual of norm 1", default=0.5, above=0)
+    region: float = key(
+        "the singular value (metres and radians mixed) below which the step is damped", default=0.5, above=0
+    )
 
     def step_rule(self) -> StepRule:
         """The damped least-squares step."""
@@ -125,7 +100,7 @@ class DampedLeastSquares(IterativeIk):
         return SingularStep(0.0, self.damping, self.region)
 
 
-@dataclass(frozen=True, kw_only=True)
+@struct(kw_only=True)
 class PseudoInverse(IterativeIk):
     """Inverse kinematics by the Moore-Penrose inverse of the Jacobian: step = -A^+ r.
 
@@ -133,24 +108,13 @@ class PseudoInverse(IterativeIk):
     grows as 1/s and is bounded by ``max_step`` only, so that the method oscillates near singularities; the damped
     methods do not.
 
-    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
-
-    Parameters
-    ----------
-    cutoff
-        The fraction of the largest singular value, at least 0 and below 1.
-
     References
     ----------
     Whitney (1969), "Resolved motion rate control of manipulators and human prostheses"; Golub, Kahan (1965),
     "Calculating the singular values and pseudo-inverse of a matrix".
     """
 
-    cutoff: float = 1e-4
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_positive("cutoff", self.cutoff, zero=True, below=1.0)
+    cutoff: float = key("the fraction of the largest singular value", default=1e-4, minimum=0, below=1)
 
     def step_rule(self) -> StepRule:
         """The pseudo-inverse step."""

@@ -27,6 +27,7 @@ from pinproof._core import Candidate as CompiledCandidate
 from pinproof._core import ClikStep, FabrikStep, IkSolver, SingularStep
 from pinproof._core import Search as CompiledSearch
 from pinproof._core import Seeds as CompiledSeeds
+from pinproof.common.structs import described, key
 from pinproof.common.validation import Rng, random_generator
 from pinproof.errors import InputError
 from pinproof.ik.result import TURN, Candidate, judge, nearest_winding, stops, wraps
@@ -139,28 +140,18 @@ class ObservingRule(StepRule, Protocol):
         """Called once before each step."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class IkStep:
-    """One step of a descent, as passed to ``on_step``.
+    """One step of a descent, as passed to ``on_step``."""
 
-    Parameters
-    ----------
-    attempt, iteration
-        Index of the descent (0 starts at q0) and index of the step, both from 0.
-    q
-        (n,) the configuration before the step.
-    step
-        (n,) the motion of each joint, in rad or m; at most the solver's ``max_step``.
-    residual
-        (6,) position error (m) and rotation vector (rad) at q, in the axes of the target; zero in coordinates that the
-        task does not select.
-    """
-
-    attempt: int
-    iteration: int
-    q: Array
-    step: Array
-    residual: Array
+    attempt: int = key("index of the descent; 0 starts at q0")
+    iteration: int = key("index of the step, from 0")
+    q: Array = key("(n,) the configuration before the step")
+    step: Array = key("(n,) the motion of each joint, in rad or m; at most the solver's ``max_step``")
+    residual: Array = key(
+        "(6,) position error (m) and rotation vector (rad) at q, in the axes of the target; zero in coordinates that "
+        "the task does not select"
+    )
 
 
 OnStep = Callable[[IkStep], None]

@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from pinproof._core import Goal as CompiledGoal
 from pinproof._core import Task as CompiledTask
+from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -198,20 +199,11 @@ LONGEST_GOAL_STEP = 0.2
 """Rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied."""
 
 
-@dataclass(frozen=True)
+@described()
 class IkGoal:
     """A null-space objective, for redundant arms and for tasks with free coordinates.
 
     The solution is moved in the null space of the task until the objective does not improve any more.
-
-    Parameters
-    ----------
-    kind
-        ``"centre"``: move the joints to the middle of their limits, weighted by their ranges. ``"near"``: move them
-        towards q0. ``"manipulability"``: maximise the logarithm of sqrt(det(J J^T)) (Yoshikawa 1985).
-    gain
-        For ``"centre"`` and ``"near"``, the fraction of the remaining distance that each step covers (default 1); for
-        ``"manipulability"``, the length of a step (rad or m) per unit of the gradient (default 0.2).
 
     References
     ----------
@@ -219,8 +211,15 @@ class IkGoal:
     gradient of the goal projected into the null space of the Jacobian.
     """
 
-    kind: GoalName
-    gain: float | None = None
+    kind: GoalName = key(
+        '``"centre"``: move the joints to the middle of their limits, weighted by their ranges. ``"near"``: move them '
+        'towards q0. ``"manipulability"``: maximise the logarithm of sqrt(det(J J^T)) (Yoshikawa 1985)'
+    )
+    gain: float | None = key(
+        'for ``"centre"`` and ``"near"``, the fraction of the remaining distance that each step covers (default 1); '
+        'for ``"manipulability"``, the length of a step (rad or m) per unit of the gradient (default 0.2)',
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(GoalName):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.results import View, html_plot
+from pinproof.common.structs import described, key
 from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.result import NEAR_LIMIT, IkAnswer
@@ -30,24 +31,9 @@ NAMED = 3
 """Number of intervals above the tolerance that a message describes: those with the largest errors."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class TrackResult(IkAnswer):
     """The result of :func:`pinproof.track` for N poses.
-
-    Parameters
-    ----------
-    arm, task, poses
-        The arm, the task and the poses (N, 4, 4) that were tracked.
-    q0
-        (n,) the configuration at time 0.
-    q
-        (N, n) the configurations, within the limits, not wrapped to (-pi, pi].
-    times
-        (N,) the time in seconds at which each pose was due.
-    durations
-        (N,) the duration in seconds of the cycle before each sample.
-    velocity
-        (n,) the speed limits, in rad/s or m/s.
 
     Attributes
     ----------
@@ -59,14 +45,14 @@ class TrackResult(IkAnswer):
         (N,) whether both errors are within the tolerances.
     """
 
-    arm: Arm
-    task: Task
-    poses: Array = field(repr=False)
-    q0: Array
-    q: Array
-    times: Array
-    durations: Array
-    velocity: Array
+    arm: Arm = key("the arm")
+    task: Task = key("the task")
+    poses: Array = key("(N, 4, 4) the poses that were tracked")
+    q0: Array = key("(n,) the configuration at time 0")
+    q: Array = key("(N, n) the configurations, within the limits, not wrapped to (-pi, pi]")
+    times: Array = key("(N,) the time in seconds at which each pose was due")
+    durations: Array = key("(N,) the duration in seconds of the cycle before each sample")
+    velocity: Array = key("(n,) the speed limits, in rad/s or m/s")
     position_error: Array = field(init=False)
     orientation_error: Array = field(init=False)
     reached: Flags = field(init=False)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -62,27 +61,9 @@ LIMIT_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
 
 
 @named_arguments
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class JointLimits(Shown):
     """Limits of the n joints of an arm, in joint order.
-
-    Parameters
-    ----------
-    lower, upper
-        (n,) positions in rad or m; -inf and inf for a continuous joint.
-    velocity
-        (n,) in rad/s or m/s, above 0; NaN where it is not known (timing then raises an error).
-    acceleration
-        (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
-    jerk
-        (n,) in rad/s^3 or m/s^3, above 0, NaN where it is not known; None if it is known for no joint.
-    torque
-        (n,) in N m, or in N for a prismatic joint, above 0, NaN where it is not known; None if it is known for no
-        joint. A URDF calls it effort. :class:`pinproof.motion.TorqueLimits` applies it.
-    acceleration_source, jerk_source
-        Where the accelerations and the jerks come from, for results that depend on them.
-    guessed
-        (n,) of type bool: whether the acceleration of a joint is such a default value, which is no limit of the robot.
 
     Raises
     ------
@@ -90,15 +71,30 @@ class JointLimits(Shown):
         If shapes differ, lower > upper, or a velocity, acceleration or jerk is not above 0.
     """
 
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array = None  # type: ignore[assignment]  # filled in below; never None afterwards
-    jerk: Array | None = None
-    torque: Array | None = None
-    acceleration_source: str = field(default="", kw_only=True)
-    jerk_source: str = field(default="", kw_only=True)
-    guessed: npt.NDArray[np.bool_] = field(default=None, kw_only=True)  # type: ignore[arg-type]  # filled in below
+    lower: Array = key("(n,) positions; -inf for a continuous joint", "rad or m")
+    upper: Array = key("(n,) positions; inf for a continuous joint", "rad or m")
+    velocity: Array = key("(n,) above 0; NaN where it is not known (timing then raises an error)", "rad/s or m/s")
+    acceleration: Array = key(  # filled in below; never None afterwards
+        "(n,) above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`", "rad/s^2 or m/s^2", default=None
+    )
+    jerk: Array | None = key(
+        "(n,) above 0, NaN where it is not known; None if it is known for no joint", "rad/s^3 or m/s^3", default=None
+    )
+    torque: Array | None = key(
+        "(n,) in N m, or in N for a prismatic joint, above 0, NaN where it is not known; None if it is known for no "
+        "joint. A URDF calls it effort. :class:`pinproof.motion.TorqueLimits` applies it",
+        default=None,
+    )
+    acceleration_source: str = key(
+        "where the accelerations come from, for results that depend on them", default="", kw_only=True
+    )
+    jerk_source: str = key("where the jerks come from", default="", kw_only=True)
+    guessed: npt.NDArray[np.bool_] = key(  # filled in below
+        "(n,) of type bool: whether the acceleration of a joint is such a default value, which is no limit of the "
+        "robot",
+        default=None,
+        kw_only=True,
+    )
 
     def _view(self) -> View:
         known = {kind: value for kind in LIMIT_KINDS if (value := getattr(self, kind)) is not None}

@@ -11,7 +11,7 @@ import threading
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
@@ -22,6 +22,7 @@ import pinocchio as pin
 
 from pinproof.common.files import write_text_whole
 from pinproof.common.results import Identified, Rows, View
+from pinproof.common.structs import described, key
 from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
@@ -59,24 +60,18 @@ PART = "/"
 """Separates the name of a robot in a cell from the names of its links and joints."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Singularity:
-    """The distance of a configuration from a singularity; result of :meth:`Arm.singularity`.
+    """The distance of a configuration from a singularity; result of :meth:`Arm.singularity`."""
 
-    Parameters
-    ----------
-    smallest
-        The smallest singular value of the tcp Jacobian (LOCAL_WORLD_ALIGNED; metres and radians mixed).
-    direction
-        (6,) the unit twist, linear then angular, of the smallest singular value; if that is 0, motion in this direction
-        is impossible.
-    singular_values
-        (min(6, n),) all singular values, largest first.
-    """
-
-    smallest: float
-    direction: Array
-    singular_values: Array
+    smallest: float = key(
+        "the smallest singular value of the tcp Jacobian (LOCAL_WORLD_ALIGNED; metres and radians mixed)"
+    )
+    direction: Array = key(
+        "(6,) the unit twist, linear then angular, of the smallest singular value; if that is 0, motion in this "
+        "direction is impossible"
+    )
+    singular_values: Array = key("(min(6, n),) all singular values, largest first")
 
 
 HELD_READ_ONLY = "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
@@ -568,37 +563,27 @@ def _for_all(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.ArrayLike:
     return np.broadcast_to(value, shape) if isinstance(value, int | float) else value
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Robot(Identified):
-    """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`.
+    """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`."""
 
-    Parameters
-    ----------
-    urdf, srdf
-        The description.
-    default_tcp
-        Default tcp of :meth:`arm`.
-    home
-        Home configuration, joint name to rad or m; may be empty.
-    default_base
-        Default base of :meth:`arm` if the tcp is a descendant of it.
-    declared_arms
-        The tcp frames of the arms of :meth:`arms` by name; empty for a robot with one arm.
-    parts
-        The robots of a cell by name, if this robot is one that :func:`pinproof.assemble` made. Their links and joints
-        have the names of the robots as prefixes: ``left/wrist_1_link``.
-    movers
-        The links that carry moving obstacles by the name of the mover; see :class:`pinproof.Mover`.
-    """
-
-    urdf: Urdf
-    srdf: Srdf
-    default_tcp: str | None = None
-    home: Mapping[str, float] = field(default_factory=dict)
-    default_base: str | None = None
-    declared_arms: Mapping[str, str] = field(default_factory=dict)
-    parts: Mapping[str, Robot] = field(default_factory=dict)
-    movers: Mapping[str, str] = field(default_factory=dict)
+    urdf: Urdf = key("links and joints")
+    srdf: Srdf = key("groups, states and pairs of links that need no check")
+    default_tcp: str | None = key("default tcp of :meth:`arm`", default=None)
+    home: Mapping[str, float] = key("home configuration, joint name to rad or m; may be empty", default_factory=dict)
+    default_base: str | None = key("default base of :meth:`arm` if the tcp is a descendant of it", default=None)
+    declared_arms: Mapping[str, str] = key(
+        "the tcp frames of the arms of :meth:`arms` by name; empty for a robot with one arm", default_factory=dict
+    )
+    parts: Mapping[str, Robot] = key(
+        "the robots of a cell by name, if this robot is one that :func:`pinproof.assemble` made. Their links and "
+        "joints have the names of the robots as prefixes: ``left/wrist_1_link``",
+        default_factory=dict,
+    )
+    movers: Mapping[str, str] = key(
+        "the links that carry moving obstacles by the name of the mover; see :class:`pinproof.Mover`",
+        default_factory=dict,
+    )
     _model: Any = field(init=False, repr=False, compare=False)
 
     def __hash__(self) -> int:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.results import ByValue
+from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.spatial import Array, finite
 
@@ -369,21 +370,13 @@ class BezierCurve(ByValue):
             object.__setattr__(self, name, read_only(value) if isinstance(value, np.ndarray) else value)
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class CurvePart(BezierCurve):
-    """A part of a curve with the same parameter; proofs of motions divide curves into such parts.
+    """A part of a curve with the same parameter; proofs of motions divide curves into such parts."""
 
-    Parameters
-    ----------
-    knots, control
-        As in :class:`Bezier`.
-    joint_names
-        The n joints, in the order of the columns.
-    """
-
-    knots: Array
-    control: Array
-    joint_names: tuple[str, ...]
+    knots: Array = key("(k+1,) as in :class:`Bezier`")
+    control: Array = key("(k, degree+1, n) as in :class:`Bezier`")
+    joint_names: tuple[str, ...] = key("the n joints, in the order of the columns")
 
     NUMBERS = ("knots", "control")
 

@@ -54,6 +54,7 @@ from pinproof.collision.geometry.shapes import (
 )
 from pinproof.collision.geometry.surfaces import Cells, Ground, cell_faces, ground_surface
 from pinproof.common.steps import step
+from pinproof.common.structs import described, key
 from pinproof.description import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import Array, frozen, matrix
@@ -162,50 +163,34 @@ class MeshModel:
         return {"vertices": self.vertices, "triangles": self.triangles}
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class Body:
-    """A body that is checked for collision.
+    """A body that is checked for collision."""
 
-    Parameters
-    ----------
-    name
-        Unique among the bodies: the geometry of a link (``forearm_link_0``), an attached object or an obstacle.
-    owner
-        The link, attached object or obstacle to which it belongs; messages use this name.
-    link
-        The robot link it moves with; None for an obstacle.
-    model
-        The coal shape, in the body's own frame, or how it is made.
-    link_from_body
-        Pose on its link; root_from_body for an obstacle.
-    box
-        (2, 3) lower and upper corner of the box around it, in its own frame.
-    support
-        Its support function; None for an exact mesh.
-    solid
-        The enclosed volume of an exact mesh, for which coal does not detect a body entirely inside. None if convex.
-    remark
-        A simplification that the user may not expect, for the notes of certificates.
-    source
-        The collision geometry, obstacle or attached object that is represented by several bodies, of which this is one.
-    level
-        Level of detail: 0 is the requested one; a finer body replaces those of its source in some pairs.
-    file
-        The mesh file from which it was read, with its modification time and size.
-    """
-
-    name: str
-    owner: str
-    link: str | None
-    model: Any
-    link_from_body: pin.SE3
-    box: Array
-    support: Support | None
-    solid: Inside | None = None
-    remark: str = ""
-    source: str = ""
-    level: int = 0
-    file: FileStamp | None = None
+    name: str = key(
+        "unique among the bodies: the geometry of a link (``forearm_link_0``), an attached object or an obstacle"
+    )
+    owner: str = key("the link, attached object or obstacle to which it belongs; messages use this name")
+    link: str | None = key("the robot link it moves with; None for an obstacle")
+    model: Any = key("the coal shape, in the body's own frame, or how it is made")
+    link_from_body: pin.SE3 = key("pose on its link; root_from_body for an obstacle")
+    box: Array = key("(2, 3) lower and upper corner of the box around it, in its own frame")
+    support: Support | None = key("its support function; None for an exact mesh")
+    solid: Inside | None = key(
+        "the enclosed volume of an exact mesh, for which coal does not detect a body entirely inside. None if convex",
+        default=None,
+    )
+    remark: str = key("a simplification that the user may not expect, for the notes of certificates", default="")
+    source: str = key(
+        "the collision geometry, obstacle or attached object that several bodies represent, of which this is one",
+        default="",
+    )
+    level: int = key(
+        "level of detail: 0 is the requested one; a finer body replaces those of its source in some pairs", default=0
+    )
+    file: FileStamp | None = key(
+        "the mesh file from which it was read, with its modification time and size", default=None
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))

@@ -13,7 +13,7 @@ import itertools
 import math
 import zlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +31,22 @@ from pinproof.collision.geometry.depth_image import (
     Intrinsics,
 )
 from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
-from pinproof.collision.geometry.shape_values import COORDINATE, LARGEST_SIZE, LENGTH, ByContent, checked_size
+from pinproof.collision.geometry.shape_values import COORDINATE, LARGEST_SIZE, LENGTH, ByContent, Size, checked_size
 from pinproof.common.structs import (
     ANY_TEXT,
     INTEGER,
     TEXT,
+    Accepting,
     Key,
     Table,
     choice,
     file_of,
     integer,
+    key,
     list_of,
     number,
+    simple,
+    struct,
     vector,
     without,
 )
@@ -64,8 +68,29 @@ POLICIES = ("occupied", "free")
 """The valid states of cells that were not seen."""
 
 
+def _states(name: str, value: Any) -> Cells:
+    try:
+        cells = np.array(value)
+    except ValueError as error:
+        raise InputError(f"{name} must have the shape (nx, ny, nz); its rows differ in length") from error
+    shaped = cells.ndim == 3 and cells.size > 0 and cells.dtype.kind in "biu"
+    if not shaped or cells.min() < 0 or cells.max() > CLEARED:
+        what = f"they are {cells.dtype} of the shape {cells.shape}"
+        raise InputError(f"{name} must be states 0 to 3 of the shape (nx, ny, nz); {what}")
+    cells = np.ascontiguousarray(cells, dtype=np.uint8)
+    cells.setflags(write=False)
+    return cells
+
+
+def _first_cell(name: str, value: Any) -> tuple[int, int, int]:
+    x, y, z = low = finite(name, value, (3,)).tolist()
+    if not all(map(float.is_integer, low)):
+        raise InputError(f"{name} = {value}; it must be three integers")
+    return int(x), int(y), int(z)
+
+
 @named_arguments
-@dataclass(frozen=True, eq=False, repr=False)
+@struct(eq=False, repr=False)
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
@@ -73,63 +98,32 @@ class OccupancyGrid(ByContent):
     :meth:`from_octomap` from a map of OctoMap. As the shape of an
     :class:`~pinproof.Obstacle`, the occupied cells are joined to boxes. Space outside the grid is free; certificates
     note this.
-
-    Parameters
-    ----------
-    cells
-        (nx, ny, nz) the states of the cells: :data:`~pinproof.collision.geometry.occupancy.FREE` 0,
-        :data:`~pinproof.collision.geometry.occupancy.SEEN` 1, :data:`~pinproof.collision.geometry.occupancy.UNKNOWN` 2,
-        :data:`~pinproof.collision.geometry.occupancy.CLEARED` 3 (free, because a body was removed).
-    voxel
-        The side (m) of a cell.
-    low
-        (3,) the indices of the first cell: cell c is the cube from c to c + 1, times the side, in the frame of the
-        obstacle.
-    unknown
-        ``"occupied"``: cells that were not seen are obstacles. ``"free"``: they are not, and certificates note this.
-    record
-        How the grid was made, in sentences; certificates list them.
     """
 
-    cells: Cells
-    voxel: float
-    low: tuple[int, int, int] = (0, 0, 0)
-    unknown: str = "occupied"
-    record: tuple[str, ...] = ()
+    cells: Accepting[Cells, npt.ArrayLike] = key(
+        "(nx, ny, nz) the states of the cells: :data:`~pinproof.collision.geometry.occupancy.FREE` 0, "
+        ":data:`~pinproof.collision.geometry.occupancy.SEEN` 1, :data:`~pinproof.collision.geometry.occupancy.UNKNOWN` "
+        "2, :data:`~pinproof.collision.geometry.occupancy.CLEARED` 3 (free, because a body was removed)",
+        kind=simple({}, _states),
+    )
+    voxel: Size = key("the side of a cell", "m")
+    low: tuple[int, int, int] = key(
+        "(3,) the indices of the first cell: cell c is the cube from c to c + 1, times the side, in the frame of the "
+        "obstacle",
+        default=(0, 0, 0),
+        kind=simple({}, _first_cell),
+    )
+    unknown: str = key(
+        '``"occupied"``: cells that were not seen are obstacles. ``"free"``: they are not, and certificates note this',
+        default="occupied",
+    )
+    record: tuple[str, ...] = key(
+        "how the grid was made, in sentences; certificates list them", default=(), kind=list_of(ANY_TEXT)
+    )
 
     def __post_init__(self) -> None:
-        try:
-            cells = np.array(self.cells)
-        except ValueError as error:
-            raise InputError(
-                "OccupancyGrid.cells must have the shape (nx, ny, nz); its rows differ in length"
-            ) from error
-        if (
-            cells.ndim != 3
-            or cells.size == 0
-            or cells.dtype.kind not in "biu"
-            or cells.min() < 0
-            or cells.max() > CLEARED
-        ):
-            raise InputError(
-                f"OccupancyGrid.cells must be states 0 to 3 of the shape (nx, ny, nz); they are {cells.dtype} of "
-                f"the shape {cells.shape}"
-            )
-        cells = np.ascontiguousarray(cells, dtype=np.uint8)
-        cells.setflags(write=False)
-        # The lattice: the side of a cell and the integer indices of the first one.
-        voxel = checked_size("OccupancyGrid.voxel", self.voxel)
-        low = finite("OccupancyGrid.low", self.low, (3,))
-        first = tuple(int(index) for index in low)
-        if list(first) != low.tolist():
-            raise InputError(f"OccupancyGrid.low = {self.low}; it must be three integers")
         if self.unknown not in POLICIES:
             raise InputError(f"OccupancyGrid.unknown = {self.unknown!r}; valid: {', '.join(map(repr, POLICIES))}")
-        record = self.record if isinstance(self.record, (list, tuple)) else (None,)
-        if not all(isinstance(line, str) for line in record):
-            raise InputError(f"OccupancyGrid.record = {self.record!r}; it must be a sequence of sentences")
-        for name, value in (("cells", cells), ("voxel", voxel), ("low", first), ("record", tuple(record))):
-            object.__setattr__(self, name, value)
         if float(np.abs(self.bounds).max()) > LARGEST_SIZE:
             raise InputError(f"OccupancyGrid reaches {np.abs(self.bounds).max():g} m; limit: {LARGEST_SIZE:g} m")
 
@@ -503,10 +497,10 @@ def _grid(unknown: str = POLICIES[0], **stated: Any) -> OccupancyGrid:
         what = " and ".join(sources) or "no source of its cells"
         raise InputError(f"occupancy_grid has {what}; it needs one of {', '.join(SOURCES)}")
     needed, possible = SOURCES[sources[0]]
-    for key in stated:
-        if key not in (*sources, *needed, *possible):
+    for name in stated:
+        if name not in (*sources, *needed, *possible):
             kind = f"key of occupancy_grid with {sources[0]}"
-            raise UnknownNameError(kind, key, [*sources, "unknown", *needed, *possible])
+            raise UnknownNameError(kind, name, [*sources, "unknown", *needed, *possible])
     if missing := [key for key in needed if key not in stated]:
         raise InputError(f"occupancy_grid does not state {' and '.join(missing)}")
     if "octomap" in stated:

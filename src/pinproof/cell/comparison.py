@@ -68,7 +68,6 @@ class PickDifference:
     before: PickVerdict = key("in the first set-up", kind=SIDE)
     after: PickVerdict = key("in the second set-up", kind=SIDE)
 
-    @property
     @reported(kind=TEXT)
     def name(self) -> str:
         """The name of the pick."""
@@ -126,43 +125,36 @@ class CellComparison(Saved, Written):
         both = [pick for pick in self.differences if pick.gained is not None]
         return sum(pick.seconds[0] or 0.0 for pick in both), sum(pick.seconds[1] or 0.0 for pick in both)
 
-    @property
     @reported("s", minimum=0)
     def seconds_before(self) -> float:
         """Sum of the times of the picks that are good in both, in the first."""
         return self.seconds[0]
 
-    @property
     @reported("s", minimum=0)
     def seconds_after(self) -> float:
         """The same in the second."""
         return self.seconds[1]
 
-    @property
     @reported("s", minimum=0)
     def cycle_time_before(self) -> float:
         """Sum of the times of all good picks of the first."""
         return total_time(self.before)
 
-    @property
     @reported("s", minimum=0)
     def cycle_time_after(self) -> float:
         """Sum of the times of all good picks of the second."""
         return total_time(self.after)
 
-    @property
     @reported(kind=mapping_to(COUNT))
     def counts(self) -> dict[str, int]:
         """Number of picks by kind of change."""
         return {change.value: len(self.of(change)) for change in PickChange}
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether no pick is lost."""
         return not self.of(PickChange.LOST)
 
-    @property
     @reported()
     def summary(self) -> str:
         """The number of picks with each change, and the change of the time."""

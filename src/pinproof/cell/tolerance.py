@@ -86,25 +86,21 @@ class ToleranceStudy(Saved, Written):
     picks: tuple[PickTolerance, ...] = key("the picks")
     notes: tuple[str, ...] = key("what is not covered")
 
-    @property
     @reported(minimum=0, maximum=1)
     def proven_share(self) -> float:
         """Share of the picks whose unchanged motions are certified for the whole tolerance."""
         return sum(pick.proven for pick in self.picks) / max(len(self.picks), 1)
 
-    @property
     @reported(minimum=0, maximum=1)
     def sampled_share(self) -> float:
         """Share of the picks whose grasp is free at every sampled pose, if it is planned again."""
         return sum(pick.share == 1.0 for pick in self.picks) / max(len(self.picks), 1)
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether every pick is certified for the whole tolerance."""
         return bool(self.picks) and all(pick.proven for pick in self.picks)
 
-    @property
     @reported()
     def summary(self) -> str:
         """The result in one line."""

@@ -51,6 +51,15 @@ if TYPE_CHECKING:
         def __get__(self, made: object, owner: type | None = None) -> Read: ...
         def __set__(self, made: object, stated: Stated) -> None: ...
 
+    class Reported(Generic[Read]):
+        """The type of a property that :func:`reported` declares."""
+
+        fget: Any
+        declared: _Declared
+
+        def __init__(self, function: Callable[[Any], Read], *, doc: str | None) -> None: ...
+        def __get__(self, made: object, owner: type | None = None) -> Read: ...
+
 else:  # Python 3.10 has no dataclass_transform
 
     class Accepting:
@@ -58,6 +67,11 @@ else:  # Python 3.10 has no dataclass_transform
 
         def __class_getitem__(cls, types: tuple[Any, Any]) -> Any:
             return types[0]
+
+    class Reported(property):
+        """A property that is written as a key, with what is stated of it."""
+
+        declared: _Declared
 
     def dataclass_transform(**_: Any) -> Callable[[Any], Any]:
         """Nothing, at run time."""
@@ -71,7 +85,6 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 Schema = Mapping[str, Any]
 Class = TypeVar("Class", bound=type)
-Method = TypeVar("Method", bound=Callable[[Any], Any])
 
 
 # -- errors with the way to a value -----------------------------------------------------------------------------------
@@ -704,18 +717,18 @@ def key(
 
 def reported(
     unit: str = "", *, name: str = "", kind: Kind | Table | None = None, **bounds: Any
-) -> Callable[[Method], Method]:
-    """Declare that a property of a :func:`struct` is written as a key, whose text is the docstring.
+) -> Callable[[Callable[[Any], Read]], Reported[Read]]:
+    """Declare a property of a :func:`struct` that is written as a key, whose text is the docstring.
 
-    The decorator is below that of the property. The parameters are those of :func:`key`.
+    The parameters are those of :func:`key`.
     """
 
-    def decorated(function: Any) -> Any:
-        text = " ".join(inspect.cleandoc(function.__doc__).split()).removesuffix(".")
+    def decorated(function: Callable[[Any], Read]) -> Reported[Read]:
+        text = " ".join(inspect.cleandoc(function.__doc__ or "").split()).removesuffix(".")
         text = text if text[1:2].isupper() else text[:1].lower() + text[1:]
-        function.declared = _Declared(text.replace("``", "`"), unit, name, kind, None, False, True, MISSING, bounds)
-        function.__doc__ = f"{unit}: {function.__doc__}" if unit else function.__doc__
-        return function
+        made: Any = Reported(function, doc=f"{unit}: {function.__doc__}" if unit else function.__doc__)
+        made.declared = _Declared(text.replace("``", "`"), unit, name, kind, None, False, True, MISSING, bounds)
+        return made
 
     return decorated
 
@@ -872,12 +885,11 @@ class _Struct:
                 shown if own.shown is MISSING else own.shown, needed, each.name, own.inline is not None,
             )  # fmt: skip
             keys.append(key)
-        for name, value in {
-            name: value for base in self.cls.__mro__[::-1] for name, value in vars(base).items()
-        }.items():
-            function = getattr(value, "fget", None) or getattr(value, "func", None)  # property or cached_property
-            if own := getattr(function, "declared", None):
-                hint = get_type_hints(function, include_extras=True)["return"]
+        named = {name: value for base in self.cls.__mro__[::-1] for name, value in vars(base).items()}
+        for name, value in named.items():
+            if isinstance(value, Reported):
+                hint = get_type_hints(value.fget, include_extras=True)["return"]
+                own = value.declared
                 kind = _kind_of(hint, own, written=True)
                 keys.append(required(own.name or name, kind, own.text, own.unit, attrgetter(name)))
         # The order of the manual

@@ -123,7 +123,6 @@ class AllocationResult(Answer, Saved, Written):
             parts += [f"## {arm.arm}", table]
         return markdown(*parts, *(f"left out: {pick.name}: {pick.reason}" for pick in self.missing))
 
-    @property
     @reported()
     def robot(self) -> str:
         """Name of the cell."""
@@ -139,22 +138,23 @@ class AllocationResult(Answer, Saved, Written):
         """The motion of all joints of the group; :func:`pinproof.motion.separate` divides it into one for each arm."""
         return self.timing.trajectory
 
-    @property
     @reported()
     def intervals(self) -> tuple[CommonInterval, ...]:
         """The certificates of the arms against each other."""
         return self.timing.intervals
 
-    @property
     @reported("s", minimum=0)
     def makespan(self) -> float:
         """Until all arms are at home again."""
         return self.trajectory.duration
 
-    @cached_property
     @reported()
     def arms(self) -> tuple[ArmTime, ...]:
         """The program of each arm."""
+        return self._arms
+
+    @cached_property
+    def _arms(self) -> tuple[ArmTime, ...]:
         times = []
         for name in self.group.ends:
             pieces = self.programs.get(name, [])
@@ -167,7 +167,6 @@ class AllocationResult(Answer, Saved, Written):
             )
         return tuple(times)
 
-    @property
     @reported(name="left_out")
     def missing(self) -> tuple[LeftOut, ...]:
         """Picks that are not executed, with the reasons: those that no arm can do, and those left out later."""
@@ -184,27 +183,23 @@ class AllocationResult(Answer, Saved, Written):
         able = [one for one in self.alone if one.duration is not None]
         return min(able, key=lambda one: one.duration or 0.0, default=None)
 
-    @property
     @reported(kind=OPTIONAL_NUMBER)
     def ratio(self) -> float:
         """The makespan divided by the time of the fastest single arm for all picks; not finite if it is not known."""
         one = self.one_arm
         return float("nan") if one is None or not one.duration else self.makespan / one.duration
 
-    @property
     @reported()
     def free(self) -> bool:
         """Whether every motion is certified, and the arms are proven not to meet."""
         own = all(motion.certificate.free for sequence in self.sequences.values() for motion in sequence.motions)
         return own and self.timing.free and not self.misplaced
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether every pick is executed and everything is certified."""
         return self.free and not self.missing
 
-    @property
     @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance, between the arms and of each of them."""
@@ -212,7 +207,6 @@ class AllocationResult(Answer, Saved, Written):
         common = (interval.certificate for interval in self.intervals)
         return min((proof.clearance for proof in (*own, *common)), default=float("nan"))
 
-    @property
     @reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
@@ -228,7 +222,6 @@ class AllocationResult(Answer, Saved, Written):
             text += f"; {len(self.missing)} left out"
         return text if self.free else f"{text}; NOT PROVEN: {self.reason}"
 
-    @property
     @reported()
     def reason(self) -> str:
         """Why not everything is certified; empty if it is."""
@@ -240,7 +233,6 @@ class AllocationResult(Answer, Saved, Written):
         motion = next((m for s in self.sequences.values() for m in s.motions if not m.certificate.free), None)
         return "" if motion is None else motion.certificate.message
 
-    @property
     @reported()
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover, one sentence each."""

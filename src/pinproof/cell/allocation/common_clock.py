@@ -69,7 +69,6 @@ class ArmPiece:
     )
     held: Mapping[str, float] = key("values of joints outside the arm", "rad or m", default_factory=dict, hidden=True)
 
-    @property
     @reported("s", minimum=0)
     def duration(self) -> float:
         """Duration."""
@@ -259,7 +258,6 @@ class CommonInterval:
     held: Mapping[str, float] = key("values of the other joints", "rad or m", hidden=True)
     certificate: Certificate = key("the certificate of all pairs of bodies of different arms", inline=PROVEN_APART)
 
-    @property
     @reported("s", minimum=0)
     def duration(self) -> float:
         """Duration."""

@@ -83,25 +83,21 @@ class CertifiedPlacement(Shown, Written):
         """Whether every pick is good."""
         return self.report.ok
 
-    @property
     @reported(minimum=0)
     def good(self) -> int:
         """Number of good picks."""
         return len(self.report.good)
 
-    @property
     @reported(name="picks", minimum=0)
     def judged(self) -> int:
         """Number of picks."""
         return len(self.report.verdicts)
 
-    @property
     @reported("s", minimum=0)
     def cycle_time(self) -> float:
         """Sum of the times of all good picks."""
         return total_time(self.report)
 
-    @property
     @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance of all motions."""
@@ -117,7 +113,6 @@ class CertifiedPlacement(Shown, Written):
         """The obstacles that do not move with the base, in the frame of the cell."""
         return self.placed.scene
 
-    @property
     @reported(kind=PLACED_POSE)
     def cell_from_root(self) -> SE3:
         """The pose of the root link of the original robot in the cell, with the mounting."""
@@ -222,13 +217,11 @@ class PlacementResult(Answer, Saved, Written):
         "whether the search was interrupted; the result then has what was found before", default=False
     )
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether a placement was found at which every pick is good."""
         return bool(self.candidates) and self.candidates[0].ok
 
-    @property
     @reported()
     def forbidden(self) -> tuple[str, ...]:
         """The names of the forbidden zones."""
@@ -379,19 +372,16 @@ class PlacementMap(Shown, Written):
     def _view(self) -> View:
         return View(f"{len(self):,} placements, all picks pass the screening at {self.feasible.sum():,}")
 
-    @property
     @reported("m", kind=list_of(PLAIN_NUMBER))
     def x(self) -> Array:
         """The x of the grid."""
         return self.axes[0]
 
-    @property
     @reported("m", kind=list_of(PLAIN_NUMBER))
     def y(self) -> Array:
         """The y of the grid."""
         return self.axes[1]
 
-    @property
     @reported(name="choices")
     def floors(self) -> tuple[FloorMap, ...]:
         """The maps of all choices."""

@@ -64,13 +64,11 @@ class SequencePhase:
         """The certificate of a motion; None for a dwell time."""
         return None if self.motion is None else self.motion.certificate
 
-    @property
     @reported("m", kind=OPTIONAL_NUMBER)
     def clearance_proven(self) -> float | None:
         """Proven lower bound of every distance; null for a dwell time."""
         return None if self.certificate is None else self.certificate.clearance
 
-    @property
     @reported(kind=optional(INTEGER))
     def pairs_proven(self) -> int | None:
         """Pairs of bodies proven; null for a dwell time."""
@@ -106,16 +104,18 @@ class SequenceStep:
     grip_dwell: float = key("the rest at the grasp", "s", default=0.0, hidden=True)
     release_dwell: float = key("the rest at the release", "s", default=0.0, hidden=True)
 
-    @property
     @reported(kind=TEXT)
     def name(self) -> str:
         """Name of the pick."""
         return self.pick.name
 
-    @cached_property
     @reported()
     def phases(self) -> tuple[SequencePhase, ...]:
         """The motions and dwell times in order."""
+        return self._phases
+
+    @cached_property
+    def _phases(self) -> tuple[SequencePhase, ...]:
         phases: list[SequencePhase] = []
         now = self.start
         motions = self.verdict.motions
@@ -138,7 +138,6 @@ class SequenceStep:
         """Seconds from the start of the sequence to the end of the step."""
         return self.phases[-1].start + self.phases[-1].duration
 
-    @property
     @reported("s", minimum=0)
     def duration(self) -> float:
         """Transit, all motions and dwell times."""
@@ -149,26 +148,22 @@ class SequenceStep:
         """Seconds by phase, of those that occur."""
         return _by_phase(self.phases)
 
-    @property
     @reported("s", minimum=0)
     def shortest(self) -> float:
         """Lower bound of the duration, without obstacles."""
         dwell = sum(phase.duration for phase in self.phases if phase.motion is None)
         return dwell + sum(least for _, least, _ in self._limits)
 
-    @property
     @reported()
     def limited_by(self) -> str:
         """What limits its longest motion: a joint, a torque, a detour around obstacles, or the speed of the tool."""
         return max((duration, limit) for duration, _, limit in self._limits)[1]
 
-    @property
     @reported()
     def member(self) -> str:
         """How the grasp differs from the nominal one."""
         return self.verdict.member
 
-    @property
     @reported("rad or m", kind=list_of(PLAIN_NUMBER))
     def q_grasp(self) -> Sequence[float]:
         """Configuration at the grasp."""
@@ -287,7 +282,6 @@ class SequenceResult(Answer, Saved, Written):
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether every pick is part of the sequence, and every motion is certified."""
@@ -303,7 +297,6 @@ class SequenceResult(Answer, Saved, Written):
         """The names of the picks in order."""
         return tuple(step.pick.name for step in self.steps)
 
-    @property
     @reported("s", minimum=0)
     def duration(self) -> float:
         """All motions and dwell times."""
@@ -314,25 +307,21 @@ class SequenceResult(Answer, Saved, Written):
         """Seconds of all dwell times."""
         return sum(phase.duration for step in self.steps for phase in step.phases if phase.name in ("grip", "release"))
 
-    @property
     @reported("s", minimum=0)
     def moving(self) -> float:
         """All motions."""
         return self.duration - self.dwell
 
-    @property
     @reported(kind=OPTIONAL_NUMBER)
     def gap(self) -> float:
         """``moving`` divided by ``lower_bound``, minus 1."""
         return self.moving / self.lower_bound - 1.0 if self.lower_bound > 0 else float("nan")
 
-    @property
     @reported(kind=OPTIONAL_NUMBER)
     def parts_per_minute(self) -> float:
         """Number of picks in a minute."""
         return 60.0 * len(self.steps) / self.duration if self.duration > 0 else float("nan")
 
-    @property
     @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance of all motions."""
@@ -344,7 +333,6 @@ class SequenceResult(Answer, Saved, Written):
         closing = () if self.closing is None else (self.closing,)
         return (*(motion for step in self.steps for motion in step.verdict.motions), *closing)
 
-    @property
     @reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
@@ -358,25 +346,21 @@ class SequenceResult(Answer, Saved, Written):
             f"motions {100 * self.gap:.1f} % above the lower bound{left}"
         )
 
-    @property
     @reported()
     def robot(self) -> str:
         """Name of the robot."""
         return self.setup.checker.arm.robot.name
 
-    @property
     @reported()
     def acceleration_source(self) -> str:
         """Source of the acceleration limits."""
         return self.setup.checker.arm.limits.acceleration_source
 
-    @property
     @reported()
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover."""
         return self.setup.not_covered({step.pick.carried is not None for step in self.steps})
 
-    @property
     @reported("s", kind=mapping_to(NOT_NEGATIVE))
     def by_phase(self) -> dict[str, float]:
         """Time of all picks by phase, in the order of the phases; the closing motion counts as transit."""
@@ -393,13 +377,11 @@ class SequenceResult(Answer, Saved, Written):
         """The picks with the longest durations, the slowest first."""
         return tuple(sorted(self.steps, key=lambda step: -step.duration)[:count])
 
-    @property
     @reported(name="precedence", kind=list_of(PRECEDENCE))
     def ordered_pairs(self) -> list[tuple[str, str, str]]:
         """Pairs of picks in a fixed order."""
         return self.precedence.rows
 
-    @property
     @reported("s", name="closing", minimum=0)
     def closing_time(self) -> float:
         """The motion to the end."""

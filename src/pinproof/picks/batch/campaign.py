@@ -404,7 +404,6 @@ class CampaignResult(Shown, Written):
         """The rows in order, read lazily from the file."""
         return _read_rows(self.path)
 
-    @property
     @reported()
     def total(self) -> int:
         """The number of rows."""
@@ -415,13 +414,11 @@ class CampaignResult(Shown, Written):
         """The number of good picks."""
         return self.verdicts.get(PickStatus.GOOD.value, 0)
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether there is at least one row and every row is good."""
         return 0 < self.good == self.total
 
-    @property
     @reported()
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which the others fail."""

@@ -104,19 +104,16 @@ class ProvenMotion:
 
     certificates: tuple[Certificate, ...]
 
-    @property
     @reported("m")
     def clearance_proven(self) -> float | None:
         """Proven lower bound of every distance; null with a number in ``pairs_proven`` if no two bodies can touch."""
         return float(np.min([each.clearance for each in self.certificates])) if self.certificates else None
 
-    @property
     @reported("m")
     def clearance_observed(self) -> float | None:
         """Smallest distance found while proving."""
         return float(np.min([each.observed for each in self.certificates])) if self.certificates else None
 
-    @property
     @reported()
     def pairs_proven(self) -> int | None:
         """Number of pairs of bodies proven."""
@@ -164,25 +161,21 @@ class PickMotion(ProvenMotion, Shown):
         """The only certificate."""
         return (self.certificate,)
 
-    @property
     @reported("s")
     def duration(self) -> float:
         """Duration."""
         return self.trajectory.duration
 
-    @property
     @reported()
     def backwards(self) -> bool:
         """Whether the reversed motion was proven."""
         return self.certificate.backwards
 
-    @property
     @reported()
     def partings(self) -> tuple[str, ...]:
         """Pairs that may touch at the start (at the end if ``backwards``), and how they were proven to separate."""
         return tuple(map(str, self.certificate.partings))
 
-    @property
     @reported()
     def constraints(self) -> tuple[str, ...]:
         """Constraints of the tcp, each with its proven largest error."""
@@ -341,57 +334,48 @@ class PickVerdict(ProvenMotion, Shown, Written):
         """Whether the pick is GOOD."""
         return self.status is PickStatus.GOOD
 
-    @property
     @reported(name="failed_at", kind=optional(ANY_TEXT))
     def failed(self) -> Stage | None:
         """The stage that failed; null for a good pick."""
         return None if self.ok else self.stages[-1].stage
 
-    @property
     @reported(kind=optional(ANY_TEXT))
     def grasp(self) -> str | None:
         """The grasp of its part with which it was judged; null for a pick with a pose of its own."""
         return self.pick.grasp
 
-    @property
     @reported(kind=optional(ANY_TEXT))
     def tool(self) -> str | None:
         """The tool with which it was judged; null if the file has no tools."""
         return self.pick.tool
 
-    @property
     @reported()
     def reason(self) -> str:
         """Why it failed, or what is proven of a good pick: the message of the last stage judged."""
         return self.stages[-1].message
 
-    @property
     @reported(kind=TEXT)
     def name(self) -> str:
         """Name of the pick."""
         return self.pick.name
 
-    @property
     @reported()
     def frame(self) -> str:
         """The frame of the pose; empty for the root link of the robot."""
         return self.pick.frame
 
-    @property
     @reported("m")
     def xyz(self) -> tuple[float, float, float]:
         """Position of the tip at the nominal grasp."""
         x, y, z = (xyz_rpy(self.pick.pose)[:3] + 0.0).tolist()  # no negative zeros
         return x, y, z
 
-    @property
     @reported("rad")
     def rpy(self) -> tuple[float, float, float]:
         """Its orientation about fixed axes: R = Rz Ry Rx."""
         roll, pitch, yaw = (xyz_rpy(self.pick.pose)[3:] + 0.0).tolist()
         return roll, pitch, yaw
 
-    @property
     @reported("s")
     def duration(self) -> float | None:
         """Duration of the motion."""
@@ -402,13 +386,11 @@ class PickVerdict(ProvenMotion, Shown, Written):
         """The certificates of all motions."""
         return tuple(motion.certificate for motion in self.motions)
 
-    @property
     @reported("m")
     def margin(self) -> float | None:
         """Required distance between any two bodies."""
         return min((each.margin for each in self.certificates), default=None)
 
-    @property
     @reported(kind=list_of(list_of(ANY_TEXT, 3, 3)))
     def excluded_pairs(self) -> tuple[tuple[str, str, str], ...]:
         """Pairs that no proof covers: name, name, reason."""
@@ -498,7 +480,6 @@ class PickVerdict(ProvenMotion, Shown, Written):
             self.pick.name, tuple(segments), tuple(events), records, robot=robot, tcp=tcp, member=self.member
         )
 
-    @property
     @reported()
     def remedy(self) -> str:
         """All suggestions with their effects in one line; empty if none was found."""

@@ -78,7 +78,6 @@ class PickProfile(Saved, Written):
         """The time of all stages (s)."""
         return sum(each.seconds for each in self.stages)
 
-    @property
     @reported()
     def summary(self) -> str:
         """One line: the time, and the slowest body."""

@@ -128,7 +128,6 @@ class PickReport(Saved, Written):
         """The good picks, in order."""
         return tuple(verdict for verdict in self.verdicts if verdict.ok)
 
-    @property
     @reported()
     def ok(self) -> bool:
         """Whether there is a pick, every pick is good, and every row was read."""
@@ -139,7 +138,6 @@ class PickReport(Saved, Written):
         """A sentence for durations that follow from guessed acceleration limits; empty if all limits are known."""
         return guess_note(self.acceleration_source)
 
-    @property
     @reported()
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which others fail."""

@@ -18,7 +18,7 @@ from pinproof.picks.batch.reach_map import (
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
-from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
+from pinproof.picks.input.picks import CellRobot, NamedFrame, PairMargin, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
 from pinproof.picks.input.tools import Hand, HandValues, Tool
@@ -36,7 +36,10 @@ from pinproof.picks.judging.task import (
     PickCell,
     PickTask,
     check_held_joints,
+    checker_of_picks,
     peaks_of,
+    with_hand,
+    with_margins,
     rate_limits,
     torque_limits_of_tool,
 )
@@ -64,15 +67,16 @@ __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
     "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "Intercept",
-    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType", "Pick", "PickBudget",
-    "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile", "PickReport",
-    "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights", "Picks",
-    "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ReachComparison", "ReachMap", "ReachRegion",
-    "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage", "StageResult",
-    "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along", "approach_directions",
-    "attainable_orientations", "certify_picks_program", "check_held_joints", "code_of", "export_picks", "judge",
-    "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach",
-    "reach_map", "read_picks", "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks",
-    "shifted", "shortened", "span", "support_names", "time_part", "tool_orientations", "torque_limits_of_tool",
-    "transit", "validate_picks", "write_motion_pages",
+    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PairMargin", "PartGrasp", "PartType", "Pick",
+    "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",
+    "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights",
+    "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ReachComparison", "ReachMap",
+    "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage",
+    "StageResult", "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along",
+    "approach_directions", "attainable_orientations", "certify_picks_program", "check_held_joints", "checker_of_picks",
+    "code_of", "export_picks", "judge", "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks",
+    "prove_part", "rate_limits", "reach", "reach_map", "read_picks", "recertify_program", "release_lines",
+    "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part",
+    "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins",
+    "write_motion_pages",
 ]  # fmt: skip

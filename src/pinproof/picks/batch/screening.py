@@ -37,7 +37,7 @@ from pinproof.picks.judging.configurations import (
     widened,
 )
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints
+from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, checker_of_picks
 from pinproof.picks.judging.verdict import Stage
 from pinproof.spatial import SE3, Array, matrix, rigid, rigid_many
 
@@ -616,7 +616,7 @@ def screen_picks(
     # The cell, as for the complete judgement
     check_held_joints(arm, shared)
     home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
-    checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
+    checker = checker_of_picks(arm, scene, shared)
     cell = PickCell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
 

@@ -26,6 +26,7 @@ from pinproof.common.structs import (
     choice,
     described,
     key,
+    list_of,
     mapping_to,
     number,
     parsed,
@@ -46,6 +47,15 @@ from pinproof.picks.input.settings import Conveyor, PickBudget
 from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
 from pinproof.units import MOST_MARGIN, warn_of_millimetres
+
+
+def _margin(name: str, value: object) -> float:
+    margin = require_number(name, value, "m", minimum=0)
+    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
+    return margin
+
+
+MARGIN = simple(number(minimum=0).schema, _margin, parsed)
 
 
 @struct("frame", eq=False)
@@ -87,6 +97,14 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
+@struct("pair_margin")
+class PairMargin:
+    """The margin of one pair of bodies."""
+
+    between: tuple[str, ...] = key("the two bodies: links, bodies of a tool or obstacles", kind=list_of(TEXT, 2, 2))
+    margin: float = key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
+
+
 @struct("problem", more=True, written=True)
 class PickProblem:
     """A row of the picks file that could not be read; the other rows are judged."""
@@ -107,12 +125,6 @@ class CellRobot:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "world_from_base", frozen(rigid("world_from_base", self.world_from_base)))
-
-
-def _margin(name: str, value: object) -> float:
-    margin = require_number(name, value, "m", minimum=0)
-    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
-    return margin
 
 
 MOUNTED = "mounted"
@@ -140,9 +152,9 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     repr=False,
     rules=[ONE_HOLDER],
     first=(
-        "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip",
-        "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools", "tool_change", "parts", "torque_limits",
-        "conveyor", "optimise", "straight", "robots", "frames",
+        "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "margins", "home",
+        "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools", "tool_change", "parts",
+        "torque_limits", "conveyor", "optimise", "straight", "robots", "frames",
     ),
 )  # fmt: skip
 class Picks(RobotAndHand, Shown):
@@ -186,7 +198,12 @@ class Picks(RobotAndHand, Shown):
         "smallest allowed distance between any two bodies",
         "m",
         default=0.0,
-        kind=simple(number(minimum=0).schema, _margin, parsed),
+        kind=MARGIN,
+    )
+    margins: tuple[PairMargin, ...] = key(
+        "margins of pairs of bodies, which replace `margin`. Two links of one gripper need no margin: they are checked "
+        "for contact, unless the SRDF disables the pair",
+        default=(),
     )
     torque_limits: bool = key(
         "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
@@ -423,7 +440,7 @@ class Picks(RobotAndHand, Shown):
 
 SETTINGS = table_of(Picks)
 
-OF_ALL = ("scene", "margin", "torque_limits", "conveyor", "parts", "optimise", "straight", "frames")
+OF_ALL = ("scene", "margin", "margins", "torque_limits", "conveyor", "parts", "optimise", "straight", "frames")
 """The settings that all robots of a file share; each robot may state the others."""
 
 CELL_ROBOT = Table(

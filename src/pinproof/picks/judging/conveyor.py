@@ -522,7 +522,7 @@ class _Moment:
         hand = task.passing(self.member)
         prove(Stage.APPROACH, followed.approach, task.at_grasp, task.at_grasp, hand)
         if followed.tracking is not None:
-            closing = task.closing if task.cell.fingers else task.at_grasp
+            closing = task.closing(self.member) if task.cell.fingers else task.at_grasp
             prove(Stage.GRIP, followed.tracking, task.at_grasp, closing, hand)
         carrying, timeline.taken = task.carrying(self.member), str(task.name)
         prove(Stage.RETREAT, followed.retreat, carrying, _with_lowered(carrying, attempt.parting), None)

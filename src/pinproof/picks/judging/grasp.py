@@ -205,26 +205,28 @@ def judge_grip(task: PickTask, members: list[Member], q: Array, of: Indices) -> 
         return gripped(kept, grip.message, grip.figures)
 
     # Are the fingers free of everything else while they close?
-    closing, closes = task.closing, kept.copy()
-    closes[kept] = closing.is_free_batch(q[kept])
-    found = {int(i): closing.check(q[i]) for i in np.flatnonzero(kept & ~closes)}
+    closing, closes = [task.closing(members[i]) for i in of], kept.copy()
+    for checker in dict.fromkeys(closing):
+        own = kept & np.array([each is checker for each in closing])
+        closes[own] = checker.is_free_batch(q[own])
+    found = {int(i): closing[i].check(q[i]) for i in np.flatnonzero(kept & ~closes)}
     for i, contact in found.items():
-        refuted[i] = members[of[i]].head + closing_words(task, contact)
+        refuted[i] = members[of[i]].head + closing_words(task, members[of[i]], contact)
     if not closes.any():
         depths = {i: [c.distance for c in result.contacts] for i, result in found.items()}
         worst = max(found, key=lambda i: min(depths[i], default=-np.inf))
         more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
         distance = {"distance": min(depths[worst], default=np.nan)}
-        return gripped(closes, closing_words(task, found[worst]) + more, distance)
+        return gripped(closes, closing_words(task, members[of[worst]], found[worst]) + more, distance)
     first = int(np.flatnonzero(closes)[0])
-    clear = closing.clearance(q[first])
+    clear = closing[first].clearance(q[first])
     message = f"{grips[first].message}; {clear * 1e3:.1f} mm clearance while closing"
     return gripped(closes, message, {**grips[first].figures, "closing_clearance": clear})
 
 
-def closing_words(task: PickTask, result: CheckResult) -> str:
+def closing_words(task: PickTask, member: Member, result: CheckResult) -> str:
     """The contacts of the fingers while they close or open, each pair once, the deepest first."""
-    finger_of = {body.name: name for name, bodies in task.cell.swept.items() for body in bodies}
+    finger_of = {body.name: name for name, bodies in task.closed(member).swept.items() for body in bodies}
     by_pair: dict[frozenset[str], str] = {}
     for contact in result.contacts:
         first, second = (finger_of.get(name, name) for name in contact.bodies)

@@ -7,8 +7,9 @@ so all computations are in the frame of the tcp.
 Every finger is moved along its closing direction until it touches the part. The contact patch is the region where, at
 that moment, the distance between the facing surfaces along the closing direction is at most the compliance of pads and
 part, and where both normals lie within the friction cone about that direction. A part is held if the fingers touch it
-at their stated closed positions, each over a sufficient area, and if forces within the friction cones at the patches
-can balance each other: the fingers then press on opposite sides.
+at their closed positions, each over a sufficient area, and if forces within the friction cones at the patches can
+balance each other: the fingers then press on opposite sides. Closed positions that are not stated follow from contact:
+all fingers move together until a second one touches the part (:func:`close_on`).
 
 The face of a suction cup is a disc at the tip, perpendicular to the tip's z axis. Lines along that axis from points of
 its rim must meet the part within the stated gap, in front of the face or behind it, and the plane fitted to the points
@@ -34,9 +35,11 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.collision import (
+    MOST_ADVANCES,
     TOUCH,
     ConvexShape,
     LineSurface,
+    MeasureByCoal,
     Obstacle,
     SurfacePoints,
     body_distance,
@@ -127,9 +130,9 @@ class MovingFinger:
 
     ``surfaces`` are its bodies with ``finger_from_body``, ``placements`` are ``tcp_from_finger`` at the ends of the
     chords, from open to closed. ``direction`` (3,) is the unit vector of its motion in the tcp frame just before it is
-    closed, and ``sagitta`` (m) the largest distance of its points from the chords. For a finger that rotates,
-    ``placed_at`` is ``tcp_from_finger`` at a share of the closing motion, of which no point of it moves more than
-    ``rate`` (m) times the share.
+    closed, and ``sagitta`` (m) the largest distance of its points from the chords. No point moves by more than ``rate``
+    (m) times the share of the closing motion. For a finger that rotates, ``placed_at`` is ``tcp_from_finger`` at a
+    share of it. Links that one link of the hand carries, such as a knuckle and its pad, have the same ``branch``.
     """
 
     name: str
@@ -139,6 +142,7 @@ class MovingFinger:
     sagitta: float = 0.0
     placed_at: Callable[[float], SE3] | None = None
     rate: float = 0.0
+    branch: str = ""
 
     @property
     def open(self) -> SE3:
@@ -149,6 +153,12 @@ class MovingFinger:
     def closed(self) -> SE3:
         """``tcp_from_finger`` on the part."""
         return self.placements[-1]
+
+    def at(self, share: float) -> SE3:
+        """``tcp_from_finger`` at a share of the closing motion."""
+        if self.placed_at is not None:
+            return self.placed_at(share)
+        return translated(self.open, share * (self.closed.translation - self.open.translation))
 
     @property
     def travel(self) -> float:
@@ -196,7 +206,9 @@ def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, floa
     for sign, before, after in zip((-1.0, 1.0), fingers.apart(), fingers.gripping(), strict=True):
         surface = (LineSurface.of_obstacle(after), SE3.Identity())
         direction = sign * np.array(fingers.axis)
-        bodies.append(MovingFinger(after.name, (surface,), (before.pose, after.pose), direction))
+        rate = float(np.linalg.norm(after.pose.translation - before.pose.translation))
+        placements = before.pose, after.pose
+        bodies.append(MovingFinger(after.name, (surface,), placements, direction, rate=rate, branch=after.name))
     return (*bodies, *found)
 
 
@@ -243,7 +255,10 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
             continue
         direction, sagitta = moved[leading] / (SHARE * lengths[leading]), acceleration / (8 * steps**2)
         turning = partial(placed_at, link) if acceleration > 0.0 else None
-        found.append(MovingFinger(link, surfaces, tuple(placements), direction, sagitta, turning, rate))
+        branch = link
+        while (joint := urdf.parent_joint(branch)) is not None and moved_by(urdf, joint.parent, grip):
+            branch = joint.parent
+        found.append(MovingFinger(link, surfaces, tuple(placements), direction, sagitta, turning, rate, branch))
     return found
 
 
@@ -283,6 +298,48 @@ def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:
     """The travel (rad or m) of a joint from open to grip."""
     leader, factor = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.leader, joint.mimic.multiplier)
     return abs(factor * (grip[leader] - arm.held[leader])) if leader in grip else 0.0
+
+
+class Closing(NamedTuple):
+    """Where fingers that close together touch a part: the share of the motion at which the second one does.
+
+    ``first`` and ``second`` are the links or bodies that touch it, empty if they do not, and ``ahead`` is the share of
+    the motion between both contacts.
+    """
+
+    share: float
+    first: str
+    second: str
+    ahead: float
+
+    def reason(self, part: str) -> str:
+        """Why the part is not held; empty if two fingers touch it."""
+        if self.second:
+            return ""
+        touching = f"only {self.first} touches" if self.first else "no finger touches"
+        return f"{touching} {part} while the fingers close completely"
+
+
+def close_on(fingers: Sequence[MovingFinger], part: HeldPart) -> Closing:
+    """Close fingers until two of them touch a part; links of one branch are one finger.
+
+    Each contact is found by conservative advancement (Mirtich, 1996): a finger whose points move by less than its
+    distance cannot touch. It ends within :data:`TOUCH` of the part.
+    """
+    measure, target = MeasureByCoal(), part.surface.surface or part.surface.body
+    touched: dict[str, tuple[float, str]] = {}
+    for finger in fingers:
+        share, most = 0.0, touched.get(finger.branch, (1.0, ""))[0]
+        for _ in range(MOST_ADVANCES):
+            placed = [(own.surface or own.body, (finger.at(share) * at).homogeneous) for own, at in finger.surfaces]
+            apart = min(measure(own, at, target, part.pose.homogeneous).attained for own, at in placed)
+            if apart <= TOUCH or share > most:
+                break
+            share += apart / max(finger.rate, LEAST_TRAVEL)
+        if share <= most:
+            touched[finger.branch] = share, finger.name
+    (at_first, first), (share, second) = [*sorted(touched.values()), (1.0, ""), (1.0, "")][:2]
+    return Closing(share, first, second, share - at_first if first else 0.0)
 
 
 COARSE, FINE = 32, 48

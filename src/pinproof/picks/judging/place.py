@@ -334,7 +334,7 @@ def release_lines(task: PickTask, place: PlaceTarget, member: Member, q: Array) 
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
-        return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
+        return Release(q, OFF, f"at the release: {closing_words(task, member, opening.check(q))}")
     # The retreat of the empty hand
     hand, end = task.passing(member, placed=True), place.after(release)
     leave = planned(free_hand, q, end, place.retreat, hand=hand, least=least)

@@ -31,7 +31,15 @@ from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
 from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, torque_limits_of_tool
+from pinproof.picks.judging.task import (
+    PickCell,
+    PickTask,
+    check_held_joints,
+    checker_of_picks,
+    gripper_links,
+    torque_limits_of_tool,
+    with_hand,
+)
 from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import twist_size, xyz_rpy
@@ -103,12 +111,12 @@ class PickSetup:
         check_held_joints(arm, picks)
         torque_limits_of_tool(arm, picks)
         # The arm at rest in its cell, with the open hand
-        checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+        checker = checker_of_picks(arm, scene, picks)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
         for tool in (None, *picks.tools):
             hand = picks.with_tool(tool)
-            held = checker if tool is None else checker.with_held(hand.held).with_attached(*hand.open_tool)
+            held = checker if tool is None else with_hand(checker, hand)
             checked = held.check(start)
             trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
             if trouble:
@@ -273,6 +281,12 @@ class PickSetup:
             notes.append(
                 "the holding force of a tool without fingers; only a distance of at most "
                 f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
+            )
+        # What has other margins
+        links = [link for link in gripper_links(checker.arm, self.shared) if link in checker.obstacles_and_links]
+        if checker.margin > 0.0 and links:
+            notes.append(
+                f"the margin between two links of the gripper ({', '.join(links)}), which are checked for contact only"
             )
         # What limits of torque leave out
         torques = torque_limits_of_tool(checker.arm, self.shared)

@@ -5,12 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
+from itertools import combinations
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, LineSurface, Obstacle, Upright, directions_to_facets, point_distance
+from pinproof.collision import (
+    TOUCH,
+    CollisionChecker,
+    LineSurface,
+    Obstacle,
+    Scene,
+    Upright,
+    directions_to_facets,
+    point_distance,
+)
 from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -20,9 +30,11 @@ from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import (
+    Closing,
     GripResult,
     HeldPart,
     MovingFinger,
+    close_on,
     fingers_of,
     grip_by_cup,
     grip_by_fingers,
@@ -43,6 +55,10 @@ from pinproof.spatial import SE3, Array, matrix
 
 HELD_TOLERANCE = 1e-9
 """rad or m: two values of a held joint that differ by less are considered equal."""
+
+CLOSED_DIGITS = 7
+"""Closed positions (rad or m) that follow from contact are rounded to this decimal, which is less than the tolerance of
+the contact, so that grasps of equal parts share the checkers of the closed hand."""
 
 GRIPS_KEPT = 256
 """Number of grips that a cell keeps for other picks of equal parts."""
@@ -102,7 +118,7 @@ class PickCell:
         bare = self.bare or self
         if key not in bare._hands:
             shared = bare.shared.for_pick(pick)
-            checker = bare.checker.with_held(shared.held).with_attached(*shared.open_tool)
+            checker = with_hand(bare.checker, shared)
             check_held_joints(checker.arm, shared)
             made = replace(bare, checker=checker, shared=shared, bare=bare, hand_key=key)
             object.__setattr__(made, "surfaces", bare.surfaces)
@@ -115,9 +131,35 @@ class PickCell:
         return replace(self, budget=replace(self.budget, remedies=0))
 
     @property
+    def by_contact(self) -> bool:
+        """Whether the fingers close until they touch the object, because no closed positions are stated."""
+        fingers = self.shared.fingers
+        return None in self.shared.grip.values() or (fingers is not None and fingers.grip is None)
+
+    @cached_property
     def grip(self) -> dict[str, float]:
-        """The values of the gripping joints while the part is held."""
-        return {name: value for name, value in self.shared.grip.items() if value is not None}
+        """The closed positions of the gripping joints; the ends of their ranges if they follow from contact."""
+        ends = {}
+        for name, value in self.shared.grip.items():
+            joint, start = self.arm.robot.urdf.joints[name], self.arm.held[name]
+            limits = [limit for limit in (joint.lower, joint.upper) if limit is not None]
+            ends[name] = max(limits, key=lambda limit: abs(limit - start)) if value is None else value
+        return ends
+
+    def closed_at(self, share: float) -> PickCell:
+        """The cell whose hand holds the object at a share of the closing motion."""
+        start, fingers = self.arm.held, self.shared.fingers
+        stops = {
+            name: round(start[name] + share * (end - start[name]), CLOSED_DIGITS) for name, end in self.grip.items()
+        }
+        if fingers is not None:
+            fingers = replace(fingers, grip=round((1.0 - share) * fingers.opening, CLOSED_DIGITS))
+        key = "closed", *stops.items(), None if fingers is None else fingers.grip
+        if key not in self._hands:
+            made = replace(self, shared=replace(self.shared, grip=stops, fingers=fingers), bare=self.bare or self)
+            object.__setattr__(made, "surfaces", self.surfaces)
+            self._hands[key] = made
+        return self._hands[key]
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:
@@ -128,7 +170,7 @@ class PickCell:
     @cached_property
     def closed_contact(self) -> GripResult | None:
         """The failure of every grip if the closed hand is in contact at every configuration of the arm, else None."""
-        if not (contacts := self.closed_hand.fixed_contacts):
+        if self.by_contact or not (contacts := self.closed_hand.fixed_contacts):
             return None
         message = f"the hand cannot be closed: {'; '.join(map(str, contacts))} at every configuration of the arm"
         proven = bool(self.closed_hand.finer_at(self.home).fixed_contacts)  # not only between convex hulls of meshes
@@ -199,8 +241,6 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
                 f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
                 "robot.arm(held=picks.held)"
             )
-    if picks.fingers is not None and picks.fingers.grip is None:
-        raise InputError("the fingers state no grip, the distance between their faces on the part")
     # The two values of finger joints are within their limits
     joints = arm.robot.urdf.joints
     for name, closed in picks.grip.items():
@@ -209,11 +249,14 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
             raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
         low = -np.inf if (lower := joints[name].lower) is None else lower
         high = np.inf if (upper := joints[name].upper) is None else upper
-        if closed is None:
-            raise InputError(f"{name} states no grip, the value at which it holds the part")
-        for when, value in {"open": arm.held[name], "grip": closed}.items():
-            if value is not None and not low <= value <= high:
-                raise InputError(f"{name} = {value:g} ({when}) is outside its limits [{low:g}, {high:g}]")
+        if closed is None and None in (joints[name].lower, joints[name].upper):
+            raise InputError(f"{name} has no limits between which the fingers close; state its grip under held")
+        for when, at in (("open", arm.held[name]), ("grip", closed)):
+            if at is not None and not low <= at <= high:
+                raise InputError(f"{name} = {at:g} ({when}) is outside its limits [{low:g}, {high:g}]")
+    closed_positions = [*picks.grip.values(), *([] if picks.fingers is None else [picks.fingers.grip])]
+    if None in closed_positions and any(stop is not None for stop in closed_positions):
+        raise InputError("only some of the fingers state a grip; state it for all of them, or for none")
     if mover := moved_by(arm.robot.urdf, arm.tcp, picks.grip):
         raise InputError(
             f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
@@ -228,6 +271,55 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
                 f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
                 f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
             )
+
+
+def gripper_links(arm: Arm, picks: Picks) -> tuple[str, ...]:
+    """The links of grippers: those that gripping joints move, and with them those that no joint moves against the tcp.
+
+    The margin between bodies of a cell allows for errors of its calibration, which two links of one gripper do not
+    have: they are built to be as close as they are. They are checked for contact, unless the SRDF disables the pair.
+    """
+    grip = {joint for hand in (picks, *picks.tools.values()) for joint in hand.grip}
+    if not grip:
+        return ()
+    urdf, joints = arm.robot.urdf, (*arm.joint_names, *arm.followers, *grip)
+    still = moved_by(urdf, arm.tcp, joints)
+    return tuple(link for link in urdf.links if moved_by(urdf, link, grip) or moved_by(urdf, link, joints) == still)
+
+
+def with_margins(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
+    """The checker with the margins of pairs of bodies that it has: those of the picks, and 0 within a gripper."""
+    if not picks.margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
+        return checker
+    links = gripper_links(checker.arm, picks)
+    pairs: dict[frozenset[str], float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)}
+    pairs |= {frozenset(own.between): own.margin for own in picks.margins}
+    there = set(checker.obstacles_and_links)
+    wanted: Any = {pair: margin for pair, margin in pairs.items() if pair <= there}
+    return checker if wanted == checker.spec.margins else checker.with_margin(margins=wanted)
+
+
+def with_hand(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
+    """The checker of an arm with another hand, which is open."""
+    return with_margins(checker.with_held(picks.held).with_attached(*picks.open_tool), picks)
+
+
+def checker_of_picks(arm: Arm, scene: Scene, picks: Picks) -> CollisionChecker:
+    """The checker of an arm in its cell with the open hand of picks.
+
+    Raises
+    ------
+    UnknownNameError
+        If a margin of the picks is for a body that does not exist.
+    """
+    checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+    names = {*checker.obstacles_and_links, *(body.name for tool in picks.tools.values() for body in tool.open_tool)}
+    names |= {pick.carried.name for pick in picks.picks if isinstance(pick.carried, Obstacle)}
+    for own in picks.margins:
+        for name in own.between:
+            if name not in names:
+                raise UnknownNameError("body", name, names, "the margins of the picks")
+    return with_margins(checker, picks)
 
 
 FAR_GRASP = 0.1
@@ -302,7 +394,8 @@ class PickTask:
             self.place = replace(pick.place, pose=there, frame="", pose_of=TIP)
         self.kept: dict[tuple[Hashable, ...], Any] = {}
         self._open_hands: dict[Hashable, OpenHand] = {}
-        self._empty: CollisionChecker | None = None
+        self._closing: dict[PickCell, CollisionChecker] = {}
+        self._empty: dict[PickCell, CollisionChecker] = {}
 
     @property
     def sampled(self) -> bool:
@@ -362,6 +455,8 @@ class PickTask:
             return self._allowing_hand(self.before(member))
         part = replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose)
         checker = self.outside.with_scene(self.scene.add(part))
+        if self.cell.shared.margins:
+            checker = with_margins(checker, self.cell.shared)
         return checker if self.pick.approach else self._allowing_hand(checker)
 
     @cached_property
@@ -385,11 +480,27 @@ class PickTask:
             self._open_hands[key] = OpenHand(self.outside, part, self._surface, palm, depths, hand)
         return self._open_hands[key]
 
-    @cached_property
-    def closing(self) -> CollisionChecker:
+    @once_per_grasp
+    def stop(self, member: Member) -> Closing | None:
+        """Where the fingers touch the object if they close until then; None if their closed positions are stated."""
+        if self.name is None or not self.cell.by_contact:
+            return None
+        return close_on(self.cell.fingers, HeldPart(self._surface, self.holding(member).pose))
+
+    def closed(self, member: Member) -> PickCell:
+        """The cell with the closed positions of the fingers on the object."""
+        stop = self.stop(member)
+        # An open finger that touches the object has no closing motion; what it touches is found in the complete one
+        return self.cell if stop is None else self.cell.closed_at(stop.share or 1.0)
+
+    @once_per_grasp
+    def closing(self, member: Member) -> CollisionChecker:
         """The checker while the fingers close; the hand may touch the object."""
-        closing = self.cell.closing_hand
-        return self._allowing_hand(closing) if self.from_scene else closing
+        closed = self.closed(member)
+        if closed not in self._closing:
+            closing = closed.closing_hand
+            self._closing[closed] = self._allowing_hand(closing, closed) if self.from_scene else closing
+        return self._closing[closed]
 
     # -- the grip -----------------------------------------------------------------------------------------------------
 
@@ -397,7 +508,10 @@ class PickTask:
     def grip(self, member: Member) -> GripResult:
         """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
         # Picks of equal parts often have the same grasp of the part
-        cell, shared, along = self.cell, self.cell.shared, self._along(member)
+        cell, stop, along = self.closed(member), self.stop(member), self._along(member)
+        shared = cell.shared
+        if stop is not None and stop.ahead < stop.share and (reason := stop.reason(str(self.name))):
+            return GripResult(held=False, message=reason)
         if cell.closed_contact is not None:
             return cell.closed_contact
         key, known = self._grip_key(member), cell.grips
@@ -416,6 +530,8 @@ class PickTask:
             grip = GripResult(held=False, message="the closed fingers do not reach the part")  # is not shown
         elif cell.fingers:
             grip = grip_by_fingers(cell.fingers, part, along, limits)
+            if stop is not None:
+                grip = replace(grip, message=f"{self._stop_words(stop, grip)}{grip.message}")
         elif shared.cup is not None:
             grip = grip_by_cup(shared.cup, shared.tip, part)
         else:
@@ -436,6 +552,17 @@ class PickTask:
         message, depth = worst.words(part.name, where), max(depth, worst.depth)
         return kept(replace(grip, held=False, message=message, depth=depth, proven=proven))
 
+    def _stop_words(self, stop: Closing, grip: GripResult) -> str:
+        """Where the fingers stopped, before the message of a grip; of one that fails, which finger touched first."""
+        ahead = max((-contact.gap for contact in grip.contacts), default=0.0)
+        if not grip.held:
+            where = f"{self.name} is not in the middle of the hand: {stop.first} touches it {ahead * 1e3:.2f} mm before"
+            return f"{where} {stop.second}; " if ahead > TOUCH and stop.second else ""
+        closed = self.cell.closed_at(stop.share).shared
+        stops = [f"{name} = {value:.4g}" for name, value in closed.grip.items()]
+        stops += [] if closed.fingers is None else [f"{(closed.fingers.grip or 0.0) * 1e3:.2f} mm"]
+        return f"closed by contact at {', '.join(stops)}: "
+
     def _grip_key(self, member: Member) -> Hashable:
         """What a grip depends on, besides the hand; picks of equal parts often have the same grasp of the part."""
         held, along = self.holding(member), self._along(member)
@@ -451,7 +578,7 @@ class PickTask:
         key, known = self._grip_key(member), self.cell.depths
         if key in known:
             return known[key]
-        cell, part = self.cell, HeldPart(self._surface, self.holding(member).pose)
+        cell, part = self.closed(member), HeldPart(self._surface, self.holding(member).pose)
         limit = cell.shared.grip_limits.depth
         found = depths_at_grasp(cell.palm_bodies, cell.fingers, part, -self._along(member), limit)
         if len(known) < GRIPS_KEPT:
@@ -512,11 +639,11 @@ class PickTask:
         """The checker with the object in the hand, or with the empty tool if no object is stated."""
         if self.name is None:
             return self.outside
-        if self._empty is None:  # the closed hand without the object in the scene
-            self._empty = self.cell.closed_hand
-            if self.from_scene:
-                self._empty = self._empty.with_scene(self.scene.remove(str(self.name)))
-        return self._allowing_hand(self._empty.with_attached(self.holding(member)))
+        closed = self.closed(member)
+        if closed not in self._empty:  # the closed hand without the object in the scene
+            hand = closed.closed_hand
+            self._empty[closed] = hand.with_scene(self.scene.remove(str(self.name))) if self.from_scene else hand
+        return self._allowing_hand(self._empty[closed].with_attached(self.holding(member)))
 
     @once_per_grasp
     def letting_go(self, member: Member) -> CollisionChecker:
@@ -529,7 +656,8 @@ class PickTask:
     @once_per_grasp
     def opening(self, member: Member) -> CollisionChecker:
         """The checker while the fingers open at the place."""
-        return self._allowing_hand(self.cell.closing_hand.with_scene(self.letting_go(member).scene))
+        closed = self.closed(member)
+        return self._allowing_hand(closed.closing_hand.with_scene(self.letting_go(member).scene), closed)
 
     def supports(
         self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
@@ -556,9 +684,11 @@ class PickTask:
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
 
-    def _allowing_hand(self, checker: CollisionChecker) -> CollisionChecker:
-        """The checker in which the hand may touch the object."""
-        swept = (body.name for bodies in self.cell.swept.values() for body in bodies)
+    def _allowing_hand(self, checker: CollisionChecker, closing: PickCell | None = None) -> CollisionChecker:
+        """The checker in which the hand may touch the object, with the swept volumes of the cell of a closing hand."""
+        if self.cell.shared.margins:  # those of the object were lost while it changed its place
+            checker = with_margins(checker, self.cell.shared)
+        swept = () if closing is None else (body.name for bodies in closing.swept.values() for body in bodies)
         there = checker.obstacles_and_links
         return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 

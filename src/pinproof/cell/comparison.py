@@ -60,7 +60,7 @@ SIDE = report_table(
 )
 
 
-@struct("difference", first=("name", "change"), more=True, written=True, eq=False)
+@struct("difference", first=("name", "change"), written=True, eq=False)
 class PickDifference:
     """One pick in both set-ups, before and after a change."""
 
@@ -102,7 +102,6 @@ def _seconds(verdict: PickVerdict) -> float | None:
 @struct(
     "comparison",
     first=("ok", "summary", "counts", "seconds_before", "seconds_after", "cycle_time_before", "cycle_time_after"),
-    more=True,
     written=True,
     version="pinproof/comparison/1",
     eq=False,

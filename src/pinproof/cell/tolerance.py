@@ -43,7 +43,7 @@ WITHIN = 2.0
 """The stated tolerance is this multiple of the standard deviation of a normal distribution: 95 % of the values."""
 
 
-@struct("pick_tolerance", more=True, written=True)
+@struct("pick_tolerance", written=True)
 class PickTolerance:
     """How inaccurate the pose of the part of one pick may be."""
 
@@ -70,7 +70,6 @@ class PickTolerance:
     "tolerance",
     first=("ok", "summary", "position", "rotation", "distribution", "samples", "largest", "proven_share",
            "sampled_share", "notes"),
-    more=True,
     written=True,
     version="pinproof/tolerance/1",
     eq=False,

@@ -176,6 +176,12 @@ class ByValue:
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | dict.fromkeys(self.not_pickled)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)  # a pickle does not keep it
+        self.__dict__.update(state)
+
 
 def same_values(one: object, other: object) -> bool:
     """Whether two values are equal, with equal types, arrays, poses and dataclasses in them; NaN equals NaN."""

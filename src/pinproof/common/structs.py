@@ -758,7 +758,6 @@ def struct(
     *,
     rules: Sequence[Rule | Schema] = (),
     first: Sequence[str] = (),
-    more: bool = False,
     written: bool = False,
     version: str = "",
     **options: Any,
@@ -776,11 +775,9 @@ def struct(
         Relations of several keys, or rules of JSON Schema only.
     first
         Keys that come first in the manual, in this order.
-    more
-        Whether other keys are allowed, as additions of the same version.
     written
-        Whether such mappings are only written, in JSON; values are then not checked. Properties may be
-        :func:`reported` as well.
+        Whether such mappings are only written, in JSON; values are then not checked, and a later release may add keys.
+        Properties may be :func:`reported` as well.
     version
         The value of the key ``schema``, which comes first; empty for none.
     **options
@@ -821,7 +818,7 @@ def struct(
             cls.__post_init__ = __post_init__  # type: ignore[attr-defined]
         made: Any = dataclass(frozen=True, **options)(cls)
         about, made.__doc__ = _documented(made)
-        made._struct = _Struct(made, title, about, rules, first, version, more, written)
+        made._struct = _Struct(made, title, about, rules, first, version, written)
         return made
 
     return decorated
@@ -846,7 +843,6 @@ class _Struct:
     rules: Sequence[Rule | Schema]
     first: Sequence[str]
     version: str
-    more: bool
     written: bool
 
     @cached_property
@@ -900,7 +896,7 @@ class _Struct:
         text = " ".join(self.about.replace("``", "`").split())
         if self.version:
             keys.insert(0, schema_version(self.version))
-        return Table(self.title, text, *keys, rules=rules, more=self.more, make=self.cls)
+        return Table(self.title, text, *keys, rules=rules, more=self.written, make=self.cls)
 
 
 def table_of(struct: Any) -> Table:

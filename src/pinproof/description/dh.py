@@ -21,7 +21,6 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -373,11 +372,6 @@ class DhTable(Shown):
         kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
         shown={},
     )
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # The constructor makes the arrays read-only again; pickle does not preserve this flag.
-        settings = {"convention": self.convention, "name": self.name, "base": self.base, "tool": self.tool}
-        return partial(DhTable, **settings), (self.rows,)  # type: ignore[arg-type]  # the values have several types
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -103,9 +103,6 @@ class Payload(ByValue):
         inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
         return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Payload, (self.mass, self.center_of_mass, self.inertia, self.frame)  # pickle makes arrays writable
-
     def __repr__(self) -> str:
         kind = "point mass" if self.inertia is None else "rigid body"
         at = ", ".join(f"{value:g}" for value in self.center_of_mass)

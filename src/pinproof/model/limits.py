@@ -142,12 +142,6 @@ class JointLimits(Shown):
         guessed.setflags(write=False)
         object.__setattr__(self, "guessed", guessed)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)  # a pickle does not keep it
-        self.__dict__.update(state)
-
     @staticmethod
     def load(path: str | Path) -> LimitsFile:
         """Read joint limits from a file such as MoveIt's ``joint_limits.yaml``, for ``robot.arm(limits=...)``.

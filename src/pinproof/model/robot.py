@@ -415,9 +415,7 @@ class JointGroup(Identified):
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        for array in (self.scale, self.offset):
-            array.setflags(write=False)  # pickle does not preserve the flag
+        super().__setstate__(state)
         self._threads = threading.local()
 
     def _root_from(self, q: Array, frame_id: int) -> pin.SE3:

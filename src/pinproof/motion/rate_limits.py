@@ -272,7 +272,7 @@ def _unit(v: Array, otherwise: Array) -> Array:
 # -- torques -----------------------------------------------------------------------------------------------------------
 
 
-@struct("torque", more=True, written=True)
+@struct("torque", written=True)
 class TorquePeak(Written):
     """The largest torque of a joint during a part of the motion."""
 

@@ -29,7 +29,7 @@ SAME_TIME = 1e-9
 """Seconds: differences are rounding."""
 
 
-@struct("one_arm", more=True, written=True)
+@struct("one_arm", written=True)
 class OneArm:
     """All picks executed by one arm, with the others at home."""
 
@@ -38,7 +38,7 @@ class OneArm:
     reason: str = key("why it cannot")
 
 
-@struct("arm_program", more=True, written=True)
+@struct("arm_program", written=True)
 class ArmTime:
     """The program of one arm."""
 
@@ -65,7 +65,6 @@ class PartState:
     "allocation",
     first=("robot", "summary", "ok", "free", "reason", "makespan", "clearance_proven", "ratio", "arms", "intervals",
            "alone", "left_out", "notes"),
-    more=True,
     written=True,
     version="pinproof/allocation/1",
     eq=False,

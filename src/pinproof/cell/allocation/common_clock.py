@@ -52,7 +52,7 @@ SAFE = ("transit", "retreat", "transfer", "leave")
 """The motions after which an arm may wait: at their ends the hand is not at a part."""
 
 
-@struct("arm_phase", first=("name", "pick", "start", "duration"), more=True, written=True, eq=False)
+@struct("arm_phase", first=("name", "pick", "start", "duration"), written=True, eq=False)
 class ArmPiece:
     """A motion, a dwell time or a wait of an arm, with constant attached objects."""
 
@@ -248,7 +248,7 @@ PROVEN_APART = report_table(
 )
 
 
-@struct("common_interval", first=("start", "duration"), more=True, written=True, eq=False)
+@struct("common_interval", first=("start", "duration"), written=True, eq=False)
 class CommonInterval:
     """The certificate of the arms against each other in an interval in which no part is gripped or released."""
 

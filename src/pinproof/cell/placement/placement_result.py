@@ -63,7 +63,6 @@ PLACED_POSE = report_table(
 @struct(
     "placed",
     first=("placement", "cell_from_root", "good", "picks", "cycle_time", "clearance_proven"),
-    more=True,
     written=True,
     eq=False,
 )
@@ -135,7 +134,7 @@ def total_time(report: PickReport) -> float:
     return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
 
 
-@struct("sensitivity", more=True, written=True)
+@struct("sensitivity", written=True)
 class PlacementSensitivity:
     """How far the base may be off along one axis, the others being exact, if the robot plans again.
 
@@ -177,7 +176,6 @@ class PlacementSensitivity:
     "placement",
     first=("ok", "objective", "message", "interrupted", "evaluations", "region", "forbidden", "placements",
            "sensitivity", "tolerance", "failing", "map"),
-    more=True,
     written=True,
     version="pinproof/placement/1",
     eq=False,
@@ -334,7 +332,7 @@ Mask = npt.NDArray[np.bool_]
 GRID = list_of(list_of(OPTIONAL_NUMBER))
 
 
-@struct("floor_map", more=True, written=True, eq=False)
+@struct("floor_map", written=True, eq=False)
 class FloorMap:
     """The best values over z and yaw at each x and y, for one choice; null where no value exists."""
 
@@ -343,7 +341,7 @@ class FloorMap:
     seconds: Array = key("estimated cycle time", "s", kind=GRID)
 
 
-@struct("placement_map", more=True, written=True, eq=False)
+@struct("placement_map", written=True, eq=False)
 class PlacementMap(Shown, Written):
     """The heat map over the floor: the screened grid of placements."""
 

@@ -57,7 +57,7 @@ def mounting_pose(mounting: str | SE3 | npt.ArrayLike) -> SE3:
     return pose(rpy=MOUNTINGS[mounting])
 
 
-@struct(more=True, written=True)
+@struct(written=True)
 class Placement:
     """The placement of a base in the frame of the cell."""
 

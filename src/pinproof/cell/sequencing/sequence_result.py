@@ -39,7 +39,7 @@ PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "releas
 """The phases of a step in order: motions, and the dwell times grip and release."""
 
 
-@struct("left_out", more=True, written=True)
+@struct("left_out", written=True)
 class LeftOut:
     """A pick that is not part of the sequence."""
 
@@ -47,7 +47,7 @@ class LeftOut:
     reason: str = key("why it cannot be executed", kind=TEXT)
 
 
-@struct("sequence_phase", more=True, written=True)
+@struct("sequence_phase", written=True)
 class SequencePhase:
     """A motion or a dwell time."""
 
@@ -85,7 +85,6 @@ STRAIGHT = ("approach", "retreat", "place", "leave")
 @struct(
     "sequence_step",
     first=("name", "start", "duration", "shortest", "limited_by", "member", "q_grasp", "phases"),
-    more=True,
     written=True,
     eq=False,
 )
@@ -217,7 +216,6 @@ SLOWEST, SHOWN = 3, 20
     first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
            "lower_bound", "gap", "file_order", "nearest_neighbour", "parts_per_minute", "clearance_proven", "by_phase",
            "closing", "steps", "left_out", "precedence"),
-    more=True,
     written=True,
     version="pinproof/sequence/1",
     eq=False,

@@ -80,9 +80,3 @@ class ByContent(ByValue):
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != CELLS}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        for value in state.values():
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)  # a pickle does not keep it
-        self.__dict__.update(state)

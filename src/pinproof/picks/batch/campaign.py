@@ -322,7 +322,6 @@ def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
     version="pinproof/campaign-summary/1",
     first=("rows", "summary", "ok", "total", "resumed", "damaged", "to_retry", "verdicts", "failed_at",
            "acceleration_source", "notes"),
-    more=True,
     written=True,
     eq=False,
 )  # fmt: skip

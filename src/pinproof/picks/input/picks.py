@@ -105,7 +105,7 @@ class PairMargin:
     margin: float = key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
 
 
-@struct("problem", more=True, written=True)
+@struct("problem", written=True)
 class PickProblem:
     """A row of the picks file that could not be read; the other rows are judged."""
 

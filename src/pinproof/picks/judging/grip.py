@@ -361,7 +361,7 @@ LEAST_WIDTH = 1e-7
 """Metres: a narrower overlap is ignored."""
 
 
-@struct("contact", more=True, written=True)
+@struct("contact", written=True)
 class FingerContact:
     """The contact of a closed finger.
 
@@ -382,7 +382,7 @@ class FingerContact:
     closed_distance: float = key("distance from the closed finger to the part; negative for an overlap", "m")
 
 
-@struct("cup", more=True, written=True)
+@struct("cup", written=True)
 class CupContact:
     """The contact of a suction cup.
 
@@ -396,7 +396,7 @@ class CupContact:
     tilt: float = key("angle between face and surface", "rad", minimum=0)
 
 
-@struct("grip", more=True, written=True)
+@struct("grip", written=True)
 class GripResult:
     """How the part is held."""
 

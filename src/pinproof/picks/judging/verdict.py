@@ -84,7 +84,7 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
-@struct("stage", more=True, written=True)
+@struct("stage", written=True)
 class StageResult:
     """The result of one stage of a pick."""
 
@@ -124,7 +124,6 @@ class ProvenMotion:
     "motion",
     first=("name", "duration", "clearance_proven", "clearance_observed", "pairs_proven", "attached", "backwards",
            "partings", "constraints"),
-    more=True,
     written=True,
     eq=False,
 )  # fmt: skip
@@ -186,7 +185,7 @@ class PickMotion(ProvenMotion, Shown):
         return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
 
 
-@struct("intercept", more=True, written=True)
+@struct("intercept", written=True)
 class Intercept:
     """Where and when the part is taken from a conveyor."""
 
@@ -257,7 +256,6 @@ class Suggestion(ABC):
             },
         }
     ],
-    more=True,
     written=True,
     eq=False,
 )  # fmt: skip

@@ -59,7 +59,6 @@ Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motion
     "report",
     version=SCHEMA,
     first=("robot", "summary", "ok", "acceleration_source", "notes", "picks", "problems"),
-    more=True,
     written=True,
     eq=False,
 )

@@ -956,8 +956,7 @@ class EdgeChecker:
 class Manifold:
     def __init__(
         self,
-        chain: Chain,
-        constraints: Sequence[PathConstraint],
+        tcps: Sequence[tuple[Chain, Sequence[PathConstraint]]],
         lower: NDArray[numpy.float64],
         upper: NDArray[numpy.float64],
     ) -> None: ...

@@ -304,7 +304,7 @@ def region(**changes: Any) -> Any:
 
 def manifold(**changes: Any) -> Any:
     values = {"constraints": [upright()], "lower": np.full(DOF, -3.0), "upper": np.full(DOF, 3.0), **changes}
-    return _core.Manifold(chain(), **values)
+    return _core.Manifold([(chain(), values.pop("constraints"))], **values)
 
 
 def prove_upright(control: np.ndarray, tolerance: np.ndarray) -> Any:

@@ -1,4 +1,6 @@
 // Edges, searches and shortcuts in joint space, and the order of jobs with options.
+#include <nanobind/stl/pair.h>
+
 #include <optional>
 
 #include "bindings/arrays.h"
@@ -78,14 +80,20 @@ void bind_edges(nb::module_& module) {
 
 void bind_manifold(nb::module_& module) {
     nb::class_<Manifold>(module, "Manifold", "The configurations of an arm that satisfy constraints of its tcp.")
-        .def(nb::new_([](const Chain& chain, const std::vector<PathConstraint>& constraints, const Vector& lower,
+        .def(nb::new_([](const std::vector<std::pair<Chain, std::vector<PathConstraint>>>& tcps, const Vector& lower,
                          const Vector& upper) {
-                 Doubles low = list_of(shaped("lower", lower, {chain.dof}));
-                 Doubles high = list_of(shaped("upper", upper, {chain.dof}));
+                 if (tcps.empty()) refuse("there is no constraint");
+                 const std::size_t n = tcps.front().first.dof;
+                 Doubles low = list_of(shaped("lower", lower, {n})), high = list_of(shaped("upper", upper, {n}));
                  if (!std::ranges::equal(low, high, std::less_equal{})) refuse("lower must not exceed upper");
-                 if (constraints.empty()) refuse("there is no constraint");
-                 return Manifold(ConstrainedTcp(chain, constraints), std::move(low), std::move(high));
-             }), "chain"_a, "constraints"_a, "lower"_a, "upper"_a)
+                 std::vector<ConstrainedTcp> constrained;
+                 for (const auto& [chain, constraints] : tcps) {
+                     require_size("a configuration of a chain", chain.dof, n);
+                     if (constraints.empty()) refuse("there is no constraint");
+                     constrained.emplace_back(chain, constraints);
+                 }
+                 return Manifold(std::move(constrained), std::move(low), std::move(high));
+             }), "tcps"_a, "lower"_a, "upper"_a, "`tcps`: chains of the same joints, each with constraints of its tcp.")
         .def("errors", [](Manifold& self, const Vector& q) {
                 const double* at = shaped("q", q, {self.dof()}).data();
                 return filled<double>({self.size()}, [&](double* out) { self.errors(at, out); });

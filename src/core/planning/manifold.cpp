@@ -46,8 +46,8 @@ double distance(const double* a, const double* b, std::size_t n) {
 
 }  // namespace
 
-Manifold::Manifold(ConstrainedTcp tcp, std::vector<double> lower, std::vector<double> upper)
-    : tcp_(std::move(tcp)),
+Manifold::Manifold(std::vector<ConstrainedTcp> tcps, std::vector<double> lower, std::vector<double> upper)
+    : tcps_(std::move(tcps)),
       lower_(std::move(lower)),
       upper_(std::move(upper)),
       no_tolerance_(lower_.size(), 0.0),
@@ -55,16 +55,27 @@ Manifold::Manifold(ConstrainedTcp tcp, std::vector<double> lower, std::vector<do
       step_(lower_.size()),
       fixed_(lower_.size()) {}
 
-void Manifold::errors(const double* q, double* found) {
-    tcp_.place(q);
-    for (std::size_t i = 0; i < tcp_.size(); ++i) found[i] = tcp_.error(i);
+std::size_t Manifold::size() const {
+    std::size_t count = 0;
+    for (const ConstrainedTcp& tcp : tcps_) count += tcp.size();
+    return count;
 }
 
-bool Manifold::contains(const double* q) {
-    tcp_.place(q);
-    for (std::size_t i = 0; i < tcp_.size(); ++i)
-        if (!(tcp_.error(i) <= tcp_.tolerance(i))) return false;
-    return true;
+void Manifold::errors(const double* q, double* found) {
+    for (ConstrainedTcp& tcp : tcps_) {
+        tcp.place(q);
+        for (std::size_t i = 0; i < tcp.size(); ++i) *found++ = tcp.error(i);
+    }
+}
+
+// Whether every error is at most this share of its tolerance.
+bool Manifold::within(const double* q, double share) {
+    bool inside = true;
+    for (ConstrainedTcp& tcp : tcps_) {
+        tcp.place(q);
+        for (std::size_t i = 0; i < tcp.size(); ++i) inside = inside && tcp.error(i) <= share * tcp.tolerance(i);
+    }
+    return inside;
 }
 
 // The least-squares step of the equations, without the joints that are fixed. Returns false if it does not exist.
@@ -115,13 +126,11 @@ bool Manifold::project(double* q, double share) {
     const std::size_t n = dof();
     for (std::size_t j = 0; j < n; ++j) q[j] = std::clamp(q[j], lower_[j], upper_[j]);
     for (int iteration = 0; iteration < kMostIterations; ++iteration) {
-        tcp_.place(q);
-        bool inside = true;
-        for (std::size_t i = 0; i < tcp_.size(); ++i) inside = inside && tcp_.error(i) <= share * tcp_.tolerance(i);
-        if (inside) return true;
+        if (within(q, share)) return true;
         equations_.clear();
-        for (std::size_t i = 0; i < tcp_.size(); ++i)
-            tcp_.append_equations(i, kAim * share * tcp_.tolerance(i), equations_);
+        for (const ConstrainedTcp& tcp : tcps_)  // placed at q
+            for (std::size_t i = 0; i < tcp.size(); ++i)
+                tcp.append_equations(i, kAim * share * tcp.tolerance(i), equations_);
         std::fill(fixed_.begin(), fixed_.end(), false);
         // A joint at its limit that would leave it is fixed, and the step is computed again.
         for (std::size_t pass = 0; pass <= n; ++pass) {
@@ -147,8 +156,9 @@ bool Manifold::edge_proven(const double* a, const double* b) {
     std::copy_n(b, dof(), control_.data() + dof());
     const CurveView edge{kUnitKnots, control_, 2, dof()};
     const ConstraintSettings settings{.resolution = 1e-5, .max_intervals = 500};
-    for (std::size_t i = 0; i < tcp_.size(); ++i)
-        if (!prove_constraint(tcp_, i, edge, settings, no_tolerance_.data()).satisfied()) return false;
+    for (ConstrainedTcp& tcp : tcps_)
+        for (std::size_t i = 0; i < tcp.size(); ++i)
+            if (!prove_constraint(tcp, i, edge, settings, no_tolerance_.data()).satisfied()) return false;
     return true;
 }
 

@@ -1,4 +1,4 @@
-// Motion in joint space that satisfies constraints of the tcp: projection, and steps whose edges are proven.
+// Motion in joint space that satisfies constraints of tcps: projection, and steps whose edges are proven.
 //
 // Source: D. Berenson, S. Srinivasa, J. Kuffner (2011), "Task space regions: a framework for pose-constrained
 // manipulation planning", IJRR 30(12): projection by the pseudo-inverse of the Jacobian, and the constrained extension of
@@ -16,16 +16,16 @@ namespace pinproof {
 
 class Manifold {
 public:
-    // The limits (dof) may be infinite.
-    Manifold(ConstrainedTcp tcp, std::vector<double> lower, std::vector<double> upper);
+    // The limits (dof) may be infinite. The errors are those of the constraints of the first tcp, then of the next.
+    Manifold(std::vector<ConstrainedTcp> tcps, std::vector<double> lower, std::vector<double> upper);
 
     std::size_t dof() const { return lower_.size(); }
-    std::size_t size() const { return tcp_.size(); }
+    std::size_t size() const;
 
     // The error of each constraint at q.
     void errors(const double* q, double* found);
     // Whether all constraints are satisfied at q.
-    bool contains(const double* q);
+    bool contains(const double* q) { return within(q, 1.0); }
     // Move q to a configuration within the limits at which every error is at most `share` of its tolerance, along the
     // shortest joint motion to first order. False: the iteration did not converge, and q is undefined.
     bool project(double* q, double share);
@@ -43,9 +43,10 @@ public:
                  std::vector<double>& path);
 
 private:
+    bool within(const double* q, double share);
     bool solve(std::vector<double>& step);
 
-    ConstrainedTcp tcp_;
+    std::vector<ConstrainedTcp> tcps_;
     std::vector<double> lower_, upper_, no_tolerance_, control_, step_;
     std::vector<bool> fixed_;
     std::vector<ConstraintEquation> equations_;

@@ -265,26 +265,37 @@ def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[
     return pin.buildReducedModel(model, lock, q)
 
 
-def compiled_chain(
-    model: pin.Model, tcp_frame: int, root_from_base: pin.SE3, scale: Array, offset: Array
-) -> CompiledChain:
-    """The chain from the base to the tcp for the compiled core, mimic followers included.
+def compiled_chain(model: pin.Model, reference: int, tcp: int, scale: Array, offset: Array) -> CompiledChain:
+    """The chain from a reference frame to the tcp for the compiled core, mimic followers included.
 
     Every joint frame is rotated so that the joint moves about, or along, its own z axis. With the rotation A_k that
-    takes z to the axis of joint k, the chain is base_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool, where X_k
-    is Rz or Tz and the constant C_k contain the A_k.
+    takes z to the axis of joint k, the chain is reference_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool, where
+    X_k is Rz or Tz and the constant C_k contain the A_k.
+
+    The reference is usually the base of the arm. If it moves, such as the tcp of another arm, the joints between it and
+    the link where the two branches of the tree meet come first, in reverse: the inverse of X_k(q) is X_k(-q).
     """
-    tcp = model.frames[tcp_frame]
-    rows = [joint - 1 for joint in model.supports[tcp.parentJoint] if joint != 0]
-    joints = []
-    behind = root_from_base.inverse()  # the constant transform before the next joint
-    for row in rows:
+    above, rows = (
+        [joint - 1 for joint in model.supports[model.frames[frame].parentJoint] if joint != 0]
+        for frame in (reference, tcp)
+    )
+    joints, behind = [], model.frames[reference].placement.inverse()  # the constant transform before the next joint
+
+    def append(row: int, before: pin.SE3, prismatic: bool, sign: float) -> None:
         leader = int(np.abs(scale[row]).argmax())
-        aligned, prismatic = aligned_axes(model, row + 1)
-        before = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
-        joints.append(Joint(before, prismatic, leader, scale[row, leader], offset[row]))
-        behind = aligned.inverse()
-    return CompiledChain(joints, (behind * tcp.placement).homogeneous, scale.shape[1])
+        joints.append(Joint(before.homogeneous, prismatic, leader, sign * scale[row, leader], sign * offset[row]))
+
+    for row in reversed(above):
+        if row not in rows:
+            aligned, prismatic = aligned_axes(model, row + 1)
+            append(row, behind * aligned, prismatic, -1.0)
+            behind = (model.jointPlacements[row + 1] * aligned).inverse()
+    for row in rows:
+        if row not in above:
+            aligned, prismatic = aligned_axes(model, row + 1)
+            append(row, behind * model.jointPlacements[row + 1] * aligned, prismatic, 1.0)
+            behind = aligned.inverse()
+    return CompiledChain(joints, (behind * model.frames[tcp].placement).homogeneous, scale.shape[1])
 
 
 def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Chain as CompiledChain
 from pinproof.common.files import write_text_whole
 from pinproof.common.results import Identified, Rows, View
 from pinproof.common.structs import described, key
@@ -133,6 +134,7 @@ class JointGroup(Identified):
         # Pinocchio's data belong to a thread
         self._threads = threading.local()
         self._root_from_base: dict[str, pin.SE3] = {}
+        self._chains: dict[tuple[str | None, str | None], CompiledChain] = {}
         # poses are relative to the base, which must therefore be at rest
         for name, (base, _) in self.ends.items():
             frame = self._model.frames[self._frame_id(base)]
@@ -219,6 +221,32 @@ class JointGroup(Identified):
         """Compute ``root_from_tcp`` of each arm at q (n,), by the name of the arm, in the frame of the root link."""
         at = self.configuration(q)
         return {name: self._root_from(at, self._frame_id(tcp)) for name, (_, tcp) in self.ends.items()}
+
+    def tcp_placement(self, q: npt.ArrayLike, arm: str | None = None, relative_to: str | None = None) -> pin.SE3:
+        """Compute the pose of the tcp of an arm at q (n,), in the frame of its base or of the tcp of another arm.
+
+        Raises
+        ------
+        UnknownNameError, InputError
+            As :meth:`tcp_of`.
+        """
+        at = self.configuration(q)
+        reference, tcp = (self._root_from(at, frame) for frame in self._reference_and_tcp(arm, relative_to))
+        return reference.inverse() * tcp
+
+    def tcp_chain(self, arm: str | None = None, relative_to: str | None = None) -> CompiledChain:
+        """Return the joints that determine :meth:`tcp_placement`, for the compiled core."""
+        chain = self._chains.get((arm, relative_to))
+        if chain is None:
+            frames = self._reference_and_tcp(arm, relative_to)
+            chain = self._chains[arm, relative_to] = compiled_chain(self._model, *frames, self.scale, self.offset)
+        return chain
+
+    def _reference_and_tcp(self, arm: str | None, relative_to: str | None) -> tuple[int, int]:
+        """The indices of the base of an arm, or of the tcp of another arm, and of the tcp of the arm."""
+        tcp = self.tcp_of(arm)
+        base = next(base for base, other in self.ends.values() if other == tcp)
+        return self._frame_id(base if relative_to is None else self.tcp_of(relative_to)), self._frame_id(tcp)
 
     def root_from_frame(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
         """Compute the pose of any link of the robot in the frame of the root link at the configuration q (n,)."""
@@ -464,7 +492,7 @@ class Arm(JointGroup):
         super().__init__(robot, {tcp: (base, tcp)}, chain, limits, held)
         self._tcp_id = self._frame_id(tcp)
         self.root_from_base: pin.SE3 = self._root_from_base[tcp]
-        self.chain = compiled_chain(self._model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+        self.chain = self.tcp_chain()
 
     @property
     def arms(self) -> Mapping[str, Arm]:

@@ -248,7 +248,7 @@ class FreeMoves:
         self.edges = Edges(checker, RESOLUTION, ends, torque_limits=torques)
         self.steering = Steering(bounds, share, moving=moving)
         self.gentle = GentleMoves(self.steering, bounds, rate_limits)
-        self.manifold = manifold_of(checker.arm, constraints) if constraints else None
+        self.manifold = manifold_of(checker.group, constraints) if constraints else None
         self.step, self.computed, self._middle_first = step, 0, middle_first
         self._tolerances = tolerance * np.array([constraint.tolerance for constraint in constraints])
 

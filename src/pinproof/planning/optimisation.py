@@ -183,7 +183,7 @@ def optimise(
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     kept = check_constraints(constraints)
     manifold, tolerances = (
-        manifold_of(checker.arm, kept) if kept else None,
+        manifold_of(checker.group, kept) if kept else None,
         np.array([constraint.tolerance for constraint in kept]),
     )
     ends = _goals(goals, path.end, bounds, checker, manifold, tolerances)

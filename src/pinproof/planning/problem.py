@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import product
+from itertools import groupby, product
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from pinproof.collision import CollisionChecker, PathConstraint, amount, overlap
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
-from pinproof.model import AT_LIMIT, Arm, JointGroup
+from pinproof.model import AT_LIMIT, JointGroup
 from pinproof.motion import TorqueLimits
 from pinproof.planning.plan_results import Barrier, InvalidEnd, OutsideLimits, PlanResult, PlanStatus
 from pinproof.spatial import Array, finite
@@ -129,18 +129,20 @@ class Edges:
         self._steer(self._pad / 4)
 
 
-def manifold_of(arm: Arm, constraints: Sequence[PathConstraint]) -> Manifold:
-    """The configurations of an arm, within its limits, that satisfy the constraints."""
-    limits = arm.limits
-    lower, upper = np.ascontiguousarray(limits.lower), np.ascontiguousarray(limits.upper)
-    return Manifold(arm.chain, [constraint.compiled() for constraint in constraints], lower, upper)
+def manifold_of(group: JointGroup, constraints: Sequence[PathConstraint]) -> Manifold:
+    """The configurations of a joint group, within its limits, that satisfy the constraints."""
+    lower, upper = np.ascontiguousarray(group.limits.lower), np.ascontiguousarray(group.limits.upper)
+    # Consecutive constraints of one tcp share its forward kinematics
+    tcps = groupby(constraints, lambda each: (each.arm, each.relative_to))
+    parts = [(group.tcp_chain(*tcp), [each.compiled() for each in of_tcp]) for tcp, of_tcp in tcps]
+    return Manifold(parts, lower, upper)
 
 
 def violations_at(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint]) -> list[str]:
     """The constraints that q (n,) violates, each as a sentence that states by how much."""
     found = []
     for constraint in constraints:
-        error = constraint.error(checker.arm, q)
+        error = constraint.error(checker.group, q)
         if not error <= constraint.tolerance:
             excess = amount(constraint, error - constraint.tolerance)
             found.append(f"{constraint} is violated: the error is {amount(constraint, error)}, {excess} too much")
@@ -260,7 +262,7 @@ def read_ends(
     if constraints:
         tolerances, manifold = (
             np.array([constraint.tolerance for constraint in constraints]),
-            manifold_of(checker.arm, constraints),
+            manifold_of(checker.group, constraints),
         )
         inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
     if torque_limits is not None:

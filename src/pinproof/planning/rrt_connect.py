@@ -187,7 +187,7 @@ class ConnectSearch:
         progress: Progress | None,
     ) -> None:
         self._constraints = constraints
-        self._manifold = manifold_of(ends.checker.arm, constraints) if constraints else None
+        self._manifold = manifold_of(ends.checker.group, constraints) if constraints else None
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])

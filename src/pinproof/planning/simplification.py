@@ -169,7 +169,7 @@ def _candidates(
     """The curves that may replace a shortened path, in the order of preference."""
     if rounded and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
-        for curve in _smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
+        for curve in _smooth_curves(short.q, edges, manifold_of(checker.group, constraints), short.joint_names):
             # A spline may leave the joint limits between its points.
             if checker.group.limits.inside(np.array(curve.range())).all():
                 yield curve
@@ -224,7 +224,7 @@ def shortcut(
     edges = Edges(checker, resolution, path.q[[0, -1]], torque_limits=torque_limits)
     generator = np.random.default_rng(rng)
     if constraints := check_constraints(constraints):
-        manifold = manifold_of(checker.arm, constraints)
+        manifold = manifold_of(checker.group, constraints)
         return JointPath(_shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
     draws = generator.random((attempts, 2))
     return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)

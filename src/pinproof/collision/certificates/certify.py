@@ -42,13 +42,12 @@ from pinproof.collision.certificates.path_constraints import (
     amount,
     check_constraints,
 )
-from pinproof.collision.checking.assembly import only_arm
 from pinproof.collision.checking.checker import CollisionChecker, Contact, require_curve
 from pinproof.collision.checking.movers import Mover, with_movers
 from pinproof.collision.checking.placed_bodies import Distance
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError
-from pinproof.model import Arm, JointLimits
+from pinproof.model import JointGroup, JointLimits
 from pinproof.motion import (
     Curve,
     LimitCheck,
@@ -72,9 +71,9 @@ SAMPLES = 50
 
 
 def with_constraints(
-    certificate: Certificate, curve: Curve, arm: Arm, constraints: Sequence[PathConstraint], limits: ProofLimits
+    certificate: Certificate, curve: Curve, group: JointGroup, constraints: Sequence[PathConstraint], limits: ProofLimits
 ) -> Certificate:
-    """Return a certificate of collisions with the proofs of constraints on the same curve of an arm."""
+    """Return a certificate of collisions with the proofs of constraints on the same curve of a joint group."""
     settings = ConstraintSettings(
         resolution=limits.tolerance,
         max_intervals=limits.max_intervals,
@@ -88,11 +87,11 @@ def with_constraints(
     undecided: list[UndecidedConstraint] = []
     # Each constraint is proven, violated, or undecided on a span.
     for each in constraints:
-        state = prove_constraint(arm.chain, each.compiled(), knots, control, settings, limits.joints)
+        state = prove_constraint(each.chain(group), each.compiled(), knots, control, settings, limits.joints)
         observed = float(state.observed)
         if state.violation is not None:  # samples show by how much the constraint is violated
             samples = curve(np.linspace(*curve.domain, SAMPLES))
-            observed = max(observed, *(each.error(arm, q) for q in samples))
+            observed = max(observed, *(each.error(group, q) for q in samples))
         largest = float(state.proven) if state.satisfied else np.nan
         evidence = read_only(state.evidence) if limits.record else None
         proofs.append(ConstraintProof(each, largest, observed, int(state.intervals), evidence))
@@ -331,7 +330,7 @@ def certify(
     if constraints:
         resolution = RESOLUTION if tolerance is None else tolerance
         of_arm = settings._replace(tolerances=(resolution,), joints=joints[: group.dof])
-        certificate = with_constraints(certificate, checked_curve, only_arm(group), constraints, of_arm)
+        certificate = with_constraints(certificate, checked_curve, group, constraints, of_arm)
     return with_limits(certificate, within)
 
 

@@ -2,22 +2,26 @@
 
 Each constraint is the condition ``error(arm, q) <= tolerance`` at every configuration of a curve. :func:`certify`
 proves it between samples too, and the planners of :mod:`pinproof.planning` plan motions that satisfy it.
+
+A constraint is stated in the frame of the base of its arm, or relative to the tcp of another arm: the joints between
+both tcps are a chain like those of one arm. :func:`held_together` states with three of them that two arms hold one
+object.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import PathConstraint as CompiledConstraint
+from pinproof._core import Chain, PathConstraint as CompiledConstraint
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.spatial import SE3, Array, finite, frozen, matrix, rigid
 
 Vector = tuple[float, float, float]
@@ -30,7 +34,29 @@ ZERO = 1e-9
 
 
 @described(kw_only=True)
-class Upright:
+class TcpConstraint:
+    """The part that the constraints share: the tcp, and the frame in which its constraint is stated."""
+
+    arm: str | None = key("the arm of a joint group with several arms", default=None)
+    relative_to: str | None = key(
+        "another arm of the group, whose tcp is the frame of the constraint in place of the base", default=None
+    )
+
+    def chain(self, group: JointGroup) -> Chain:
+        """The joints that determine the error, for the compiled core."""
+        return group.tcp_chain(self.arm, self.relative_to)
+
+    def _placement(self, group: JointGroup, q: npt.ArrayLike) -> SE3:
+        return group.tcp_placement(q, self.arm, self.relative_to)
+
+    def _of(self, text: str) -> str:
+        """The text of a constraint, with the arms if they are stated."""
+        relative = "" if self.relative_to is None else f" relative to {self.relative_to}"
+        return text if self.arm is None else f"{self.arm}{relative}: {text}"
+
+
+@described(kw_only=True)
+class Upright(TcpConstraint):
     """An axis of the tcp stays within an angle of a direction of the base, such as the axis of an open part.
 
     Raises
@@ -61,20 +87,23 @@ class Upright:
         axis = arm.forward_kinematics(q).rotation.T @ np.array(_unit("up", up))
         return cls(tolerance=tolerance, axis_in_tcp=_vector(axis), up=_vector(up))
 
-    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+    def error(self, arm: JointGroup, q: npt.ArrayLike) -> float:
         """The angle (rad) at q (n,), by Pinocchio's forward kinematics."""
-        return _angle_between(arm.forward_kinematics(q).rotation @ self.axis_in_tcp, np.array(self.up))
+        return _angle_between(self._placement(arm, q).rotation @ self.axis_in_tcp, np.array(self.up))
 
     def compiled(self) -> Any:
         """The constraint in the compiled core."""
         return CompiledConstraint.direction(np.array(self.axis_in_tcp), np.array(self.up), self.tolerance)
 
     def __str__(self) -> str:
-        return f"upright within {math.degrees(self.tolerance):.6g} deg (tcp axis {_shown(self.axis_in_tcp)})"
+        axis = f"tcp axis {_shown(self.axis_in_tcp)}"
+        if self.relative_to is not None:
+            return self._of(f"{axis} keeps its direction within {math.degrees(self.tolerance):.6g} deg")
+        return self._of(f"upright within {math.degrees(self.tolerance):.6g} deg ({axis})")
 
 
 @described(kw_only=True, eq=False)
-class Within:
+class Within(TcpConstraint):
     """A point of the tcp stays within a distance of a box, a plane or a line.
 
     :meth:`box`, :meth:`plane` and :meth:`line` create it. The region is a box whose sides may be 0 or infinite: a plane
@@ -149,9 +178,9 @@ class Within:
             low=(0.0, 0.0, -np.inf), high=(0.0, 0.0, np.inf), point_in_tcp=_vector(point_in_tcp), shape="line",
         )  # fmt: skip
 
-    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+    def error(self, arm: JointGroup, q: npt.ArrayLike) -> float:
         """The distance (m) of the point from the region at q (n,), by Pinocchio's forward kinematics."""
-        point = arm.forward_kinematics(q).act(np.array(self.point_in_tcp))
+        point = self._placement(arm, q).act(np.array(self.point_in_tcp))
         local = self.base_from_region.actInv(point)
         return float(np.linalg.norm(local - np.clip(local, self.low, self.high)))
 
@@ -166,11 +195,11 @@ class Within:
         )
 
     def __str__(self) -> str:
-        return f"within {self.tolerance * 1e3:.6g} mm of a {self.shape}"
+        return self._of(f"within {self.tolerance * 1e3:.6g} mm of a {self.shape}")
 
 
 @described(kw_only=True)
-class LookAt:
+class LookAt(TcpConstraint):
     """An axis of the tcp points at a point of the base frame, such as the axis of a camera.
 
     Raises
@@ -194,9 +223,9 @@ class LookAt:
         object.__setattr__(self, "tolerance", _angle("LookAt.tolerance", self.tolerance))
         object.__setattr__(self, "axis_in_tcp", _unit("LookAt.axis_in_tcp", self.axis_in_tcp))
 
-    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+    def error(self, arm: JointGroup, q: npt.ArrayLike) -> float:
         """The angle (rad) at q (n,), by Pinocchio's forward kinematics; pi if the tcp is at the point."""
-        placement = arm.forward_kinematics(q)
+        placement = self._placement(arm, q)
         view = np.array(self.point) - placement.translation
         return _angle_between(placement.rotation @ self.axis_in_tcp, view) if np.linalg.norm(view) > ZERO else math.pi
 
@@ -205,11 +234,29 @@ class LookAt:
         return CompiledConstraint.target(np.array(self.axis_in_tcp), np.array(self.point), self.tolerance)
 
     def __str__(self) -> str:
-        return f"look at {_shown(self.point)} within {math.degrees(self.tolerance):.6g} deg"
+        return self._of(f"look at {_shown(self.point)} within {math.degrees(self.tolerance):.6g} deg")
 
 
 PathConstraint = Upright | Within | LookAt
 """A constraint of the tcp along a motion."""
+
+
+def held_together(
+    arm: str, relative_to: str, pose: SE3, *, tolerance: float, rotation_tolerance: float
+) -> tuple[Within, Upright, Upright]:
+    """Return the constraints by which the tcps of two arms keep their relative pose, as if they held one object.
+
+    The origin of the tcp of ``arm`` stays within ``tolerance`` (m) of its place in the tcp frame of ``relative_to``,
+    which ``pose`` is, and the rotation away from it within ``rotation_tolerance`` (rad): two of its axes keep their
+    direction within that angle divided by the square root of 2. For a rotation by an angle t about a unit vector n, an
+    axis e turns by an angle a with sin(a/2)^2 = sin(t/2)^2 (1 - (n . e)^2), and the sum over two perpendicular axes is
+    at least sin(t/2)^2.
+    """
+    given = rigid("pose", pose)
+    here = Within.box(given, (0.0, 0.0, 0.0), tolerance=tolerance)
+    each = {"tolerance": rotation_tolerance / math.sqrt(2.0), "arm": arm, "relative_to": relative_to}
+    axes = (Upright(axis_in_tcp=_vector(e), up=_vector(given.rotation @ e), **each) for e in np.eye(3)[:2])
+    return replace(here, arm=arm, relative_to=relative_to, shape="point"), *axes
 
 
 @described(eq=False)
@@ -271,7 +318,7 @@ def exact_text(constraint: PathConstraint) -> str:
     if isinstance(constraint, Within):
         place = matrix(constraint.base_from_region).tolist()
         numbers = (constraint.tolerance, place, constraint.low, constraint.high, constraint.point_in_tcp)
-        return f"within {numbers!r}"
+        return constraint._of(f"within {numbers!r}")
     return repr(constraint)
 
 

@@ -132,7 +132,7 @@ def test_questions_to_several_arms_name_the_arm() -> None:
     for ask, words in (
         (lambda: checker.with_attached(pp.Obstacle("tool", ball)), "the arms a, b; name one"),
         (lambda: checker.with_attached(pp.Obstacle("tool", ball, arm="c")), "unknown arm 'c'"),
-        (lambda: pp.Obstacle("beam", ball, arm=("a", "b")), "closed chain"),
+        (lambda: pp.Obstacle("beam", ball, arm=("a", "b")), "plan_carry"),
         (lambda: checker.with_attached(*beams), "'beam'"),
         (lambda: checker.arm, "the arms a, b"),
         (lambda: pp.plan_linear(checker, two_ur5().home, pp.pose()), "one arm"),

@@ -25,6 +25,7 @@ from pinproof.collision.certificates.path_constraints import (
     Within as Within,
     amount as amount,
     check_constraints as check_constraints,
+    held_together as held_together,
 )
 from pinproof.collision.certificates.program_proof import (
     ProgramCertificate as ProgramCertificate,

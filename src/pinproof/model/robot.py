@@ -242,6 +242,12 @@ class JointGroup(Identified):
             chain = self._chains[arm, relative_to] = compiled_chain(self._model, *frames, self.scale, self.offset)
         return chain
 
+    def hand_links(self, arm: str | None = None) -> tuple[str, ...]:
+        """Return the links that no joint of the group moves relative to the tcp of an arm."""
+        frames = self._model.frames
+        joint = frames[self._frame_id(self.tcp_of(arm))].parentJoint
+        return tuple(each.name for each in frames if each.parentJoint == joint and each.type == pin.FrameType.BODY)
+
     def _reference_and_tcp(self, arm: str | None, relative_to: str | None) -> tuple[int, int]:
         """The indices of the base of an arm, or of the tcp of another arm, and of the tcp of the arm."""
         tcp = self.tcp_of(arm)

@@ -3,6 +3,11 @@
 from pinproof.common import faces
 from pinproof.planning.among_movers import TimedPlanResult as TimedPlanResult, plan_among_movers as plan_among_movers
 from pinproof.planning.cartesian import plan_linear as plan_linear, plan_poses as plan_poses
+from pinproof.planning.closed_chain import (
+    CarryPlan as CarryPlan,
+    ChainDeviation as ChainDeviation,
+    plan_carry as plan_carry,
+)
 from pinproof.planning.coordination import (
     CoordinationResult as CoordinationResult,
     coordinate as coordinate,

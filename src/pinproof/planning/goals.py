@@ -16,6 +16,7 @@ from pinproof.collision import CollisionChecker
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkBranches, IkResult, ReachProof, is_provable, prove_unreachable
+from pinproof.model import Arm
 from pinproof.planning.plan_results import InvalidEnd
 from pinproof.planning.problem import read_configurations
 from pinproof.spatial import SE3, Array, rigid
@@ -111,13 +112,13 @@ def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) ->
     if isinstance(goal, IkBranches):
         if goal.arm.joint_names != checker.group.joint_names:
             raise InputError(f"goal has IK solutions of another arm, with the joints {goal.arm.joint_names}")
-        poses = (_of_branches(goal) if goal.ok else solve_pose(checker, SE3(goal.target), start, rng),)
+        poses = (_of_branches(goal) if goal.ok else solve_pose(checker.arm, SE3(goal.target), start, rng),)
     elif isinstance(goal, SE3):
-        poses = (solve_pose(checker, goal, start, rng),)
+        poses = (solve_pose(checker.arm, goal, start, rng),)
     elif isinstance(goal, (list, tuple)) and any(isinstance(each, SE3) for each in goal):
         if not all(isinstance(each, SE3) for each in goal):
             raise InputError("goal has poses and other values; give poses only, or configurations only")
-        poses = tuple(solve_pose(checker, each, start, rng) for each in goal)
+        poses = tuple(solve_pose(checker.arm, each, start, rng) for each in goal)
     else:
         try:
             many = read_configurations(checker.group, goal, "goal")
@@ -128,9 +129,9 @@ def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) ->
     return Goals(np.concatenate([pose.q for pose in poses]), index, poses)
 
 
-def solve_pose(checker: CollisionChecker, pose: SE3, start: Array, rng: int) -> GoalPose:
+def solve_pose(arm: Arm, pose: SE3, start: Array, rng: int) -> GoalPose:
     """The IK solutions of a pose, nearest to the start (n,) first; without one, the nearest configuration found."""
-    arm, pose = checker.arm, rigid("goal", pose)
+    pose = rigid("goal", pose)
     known = GoalPose(pose, np.empty((0, arm.dof)), np.empty((0, arm.dof)))
     with suppress(NoClosedForm):
         known = _of_branches(AnalyticIk().solve_all(arm, pose, start))
@@ -150,11 +151,11 @@ def least_invalid(ends: Sequence[InvalidEnd]) -> InvalidEnd:
     return max(ends, key=lambda end: min((contact.distance for contact in end.contacts), default=inf))
 
 
-def prove(checker: CollisionChecker, pose: GoalPose) -> GoalPose:
+def prove(arm: Arm, pose: GoalPose) -> GoalPose:
     """The pose with a proof that it is out of reach, if one is found."""
-    if len(pose.q) or not is_provable(checker.arm):
+    if len(pose.q) or not is_provable(arm):
         return pose
-    return replace(pose, proof=prove_unreachable(checker.arm, pose.pose, search=False))
+    return replace(pose, proof=prove_unreachable(arm, pose.pose, search=False))
 
 
 def _of_branches(found: IkBranches) -> GoalPose:

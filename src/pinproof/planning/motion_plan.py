@@ -345,7 +345,7 @@ def _path(
         poses = []
         for number, pose in enumerate(goals.poses):
             ends = [end for end in planned.invalid if end.goal is not None and goals.of[rows[end.goal]] == number]
-            poses.append(prove(checker, replace(pose, invalid=tuple(ends))))
+            poses.append(prove(checker.arm, replace(pose, invalid=tuple(ends))))
         names = [f"goal pose {number}: " if len(poses) > 1 else "goal pose: " for number in range(len(poses))]
         message = "; ".join(name + pose.message for name, pose in zip(names, poses, strict=True))
         planned, goals = planned.changed(message=message), goals._replace(poses=tuple(poses))

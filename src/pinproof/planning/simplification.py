@@ -34,6 +34,7 @@ from pinproof.common.results import Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
+from pinproof.model import JointGroup
 from pinproof.motion import REVERSAL, BlendedPath, CubicPath, JointPath, TorqueLimits, corner_distance, round_corner
 from pinproof.planning.problem import Edges, manifold_of
 from pinproof.spatial import Array
@@ -57,6 +58,8 @@ MIN_GAIN = 1e-3
 PATIENCE = 15
 # Share of the tolerance to which points are projected, so that the curve through them has the rest.
 INSIDE = 0.5
+# The same if two hands hold one object: a spline through points of the closed chain deviates little between them.
+CLOSED = 1e-3
 # rad or m: distances between the points of the smooth curve, tried in this order.
 SPACINGS = (0.3, 0.15, 0.075)
 # Limits of the number of points of the smooth curve.
@@ -169,7 +172,7 @@ def _candidates(
     """The curves that may replace a shortened path, in the order of preference."""
     if rounded and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
-        for curve in _smooth_curves(short.q, edges, manifold_of(checker.group, constraints), short.joint_names):
+        for curve in _smooth_curves(short, edges, constraints, checker.group):
             # A spline may leave the joint limits between its points.
             if checker.group.limits.inside(np.array(curve.range())).all():
                 yield curve
@@ -311,31 +314,38 @@ def _shortened(q: Array, edges: Edges, manifold: Manifold, rng: np.random.Genera
     return q
 
 
-def _smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Sequence[str]) -> Iterator[BlendedPath]:
-    """Twice differentiable curves through points along a path (m, n), in the order of their numbers of points.
+def _smooth_curves(
+    path: JointPath, edges: Edges, constraints: Sequence[PathConstraint], group: JointGroup
+) -> Iterator[BlendedPath]:
+    """Twice differentiable curves through points along a path, in the order of their numbers of points.
 
     The curves are not proven: a spline may leave the constraints between its points.
     """
-    along = _lengths(q)
+    q, along = path.q, _lengths(path.q)
     if (length := float(along[-1])) == 0.0:
         return
+    manifold = manifold_of(group, constraints)
+    # The chords of a curve may leave a closed chain, whose tolerance is much smaller, and keep all other constraints
+    others = [each for each in constraints if each.relative_to is None]
+    share = INSIDE if len(others) == len(constraints) else CLOSED
+    of_chords = manifold_of(group, others) if others else None
 
     def is_free(a: Array, b: Array) -> bool:
-        return bool(manifold.edge_proven(a, b)) and edges.samples_free(a, b)
+        return (of_chords is None or bool(of_chords.edge_proven(a, b))) and edges.samples_free(a, b)
 
     for spacing in SPACINGS:
         count = int(np.clip(np.ceil(length / spacing), FEWEST, MOST))
-        points = np.array([_point(q, along, share) for share in np.linspace(0.0, along[-1], count + 1)])
+        points = np.array([_point(q, along, part) for part in np.linspace(0.0, along[-1], count + 1)])
         # Each point is moved inside the constraints, and then towards the middle of its neighbours, as far as
         # constraints and obstacles allow.
         for i in range(1, len(points) - 1):
-            inside = manifold.project(points[i], INSIDE)
+            inside = manifold.project(points[i], share)
             points[i] = points[i] if inside is None else inside
         converged = CONVERGED * float(np.linalg.norm(np.diff(points, axis=0), axis=1).mean())
         for _ in range(PASSES):
             largest = 0.0
             for i in range(1, len(points) - 1):
-                moved = manifold.project((points[i - 1] + 2 * points[i] + points[i + 1]) / 4, INSIDE)
+                moved = manifold.project((points[i - 1] + 2 * points[i] + points[i + 1]) / 4, share)
                 if moved is None:
                     continue
                 change = float(np.abs(moved - points[i]).max())
@@ -343,7 +353,7 @@ def _smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Sequ
                     points[i], largest = moved, max(largest, change)
             if largest <= converged:
                 break
-        yield BlendedPath.join(CubicPath.through(points, joint_names))
+        yield BlendedPath.join(CubicPath.through(points, path.joint_names))
 
 
 def _lengths(q: Array) -> Array:

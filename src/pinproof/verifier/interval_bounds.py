@@ -21,8 +21,9 @@ prismatic joint has delta in place of its chord, and no second-order term.
 
 A constraint of the tcp states that a vector y stays in a convex set. It is an axis of the tcp (``direction``; in a
 cone about a direction of the root), a point of the tcp (``region``; near a box), or the position of a target relative
-to the tcp (``target``; in a cone about an axis of the tcp). With the notation above, and the joints moving one after
-the other from the set outward,
+to the tcp (``target``; in a cone about an axis of the tcp). Another joint may be the reference in place of the root, so
+that the joints between both move y relative to it. With the notation above, and the joints moving one after the other
+from the set outward,
 
 .. math:: y' = y + \sum_i \theta_i v_i + z, \qquad
     |z| \le \sum_i |v_i| \, (b_i + \chi_i \sum_{l \text{ between the set and } i} \chi_l) ,
@@ -35,7 +36,7 @@ smallest component of the hull along the axis. In an interval of several pieces 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import pi
 from typing import Any, Protocol
 
@@ -402,7 +403,14 @@ def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Near, npt.NDAr
     return low, high, rounded(control[starts], 0.0, 10 * points, float(np.abs(curve.control).max())), counts == 1
 
 
-COMMON = ("name", "kind", "joint", "tolerance", "largest", "intervals")
+def branch(joints: Sequence[Joint], joint: int) -> Iterator[int]:
+    """The joints from one to the root; none for the root."""
+    while joint >= 0:
+        yield joint
+        joint = joints[joint].parent
+
+
+COMMON = ("name", "kind", "joint", "reference", "tolerance", "largest", "intervals")
 FIELDS = {
     "direction": ("axis", "direction"),
     "region": ("point", "placement", "low", "high"),
@@ -411,7 +419,10 @@ FIELDS = {
 
 
 class Constraint:
-    """One constraint of a file; vectors of the tcp are in the frame of its joint, all others in the root frame."""
+    """One constraint of a file; vectors of the tcp are in the frame of its joint, all others in that of the reference.
+
+    The reference is the root, or another joint of the tree.
+    """
 
     def __init__(self, row: Any, k: int, joints: int, within: float) -> None:
         self.where, self._within = (where := f"constraints[{k}]"), within
@@ -421,6 +432,7 @@ class Constraint:
         check_fields(row, where, (*COMMON, *FIELDS[self.kind]))
         self.name = text(row, where, "name")
         self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
+        self.reference = index(row.get("reference", -1), -1, joints, f"{where}.reference")
         self.tolerance, self.largest = number(row, where, "tolerance"), number(row, where, "largest")
         self.unit = "m" if self.kind == "region" else "rad"
         if not self.tolerance > 0 or not 0 <= self.largest <= self.tolerance:
@@ -448,34 +460,34 @@ class Constraint:
         """Return (T,) upper bounds (rad or m) of the error in each interval; joints deviate by ``tolerance`` (n,)."""
         # The vector that stays in the set, at the middle of the interval.
         rotation, translation = bounds.placed(self.joint)
+        axes, origin = bounds.placed(self.reference)
         cone: Near | None = None
         centre, still = near(np.zeros(3)), near(np.zeros_like(translation.value))
         if self.kind == "direction":
             moved = rotated(rotation, self.vectors["axis"])
-            cone = self.vectors["direction"] + still
+            cone = rotated(axes, self.vectors["direction"])
         elif self.kind == "region":
             moved = rotated(rotation, self.vectors["point"]) + translation
         else:
-            moved = self.vectors["point"] + still
+            moved = rotated(axes, self.vectors["point"]) + origin
             centre = rotated(rotation, self.vectors["origin"]) + translation
             cone = rotated(rotation, self.vectors["axis"])
-        # The joints in the order from the set outward: from the root, except for a target.
-        order, joint = list[int](), self.joint
-        while joint >= 0:
-            order.append(joint)
-            joint = joints[joint].parent
-        order = order if self.kind == "target" else order[::-1]
+        # The joints from the frame of the set, the tcp for a target, outward to the vector: those up to the link where
+        # both branches of the tree meet move the vector in reverse.
+        ends = (self.joint, self.reference) if self.kind == "target" else (self.reference, self.joint)
+        above, below = ([*branch(joints, end)] for end in ends)
+        order = [(k, -1.0) for k in above if k not in below] + [(k, 1.0) for k in below[::-1] if k not in above]
 
         # The change of the vector while the joints move: linear, and the rest that is bounded.
         change = near(np.zeros((*bounds.theta.value.shape[:2], 3)))
         rest = rough = turned = near(np.zeros(len(translation.value)))
-        for k in order:
+        for k, sign in order:
             each, (w, p) = joints[k], bounds.axis(k)
             if self.kind == "direction":
                 velocity = cross(w, moved) if each.revolute else still
             else:
                 velocity = cross(w, moved - p) if each.revolute else w
-                velocity = -velocity if self.kind == "target" else velocity
+            velocity = -velocity if sign < 0.0 else velocity
             multiplier, radius = Near(np.array(each.multiplier), self._within), length(velocity)
             share = Near(np.abs(multiplier.value), self._within)
             deviation = share * tolerance[each.leader]
@@ -491,7 +503,8 @@ class Constraint:
         # The error at all control points, and the rest.
         image = (moved - centre)[:, None] + change
         if cone is None:
-            local = rotated(self.rotation, image - self.translation, back=True)
+            there = rotated(axes, image - origin[:, None], back=True)
+            local = rotated(self.rotation, there - self.translation, back=True)
             out = local.value - np.clip(local.value, self.low, self.high)
             far = length(rounded(out, local.error + ROOT_3 * self._within, 1))
             return (Near(far.value.max(axis=1), far.error) + rest).upper

@@ -71,7 +71,11 @@ SAMPLES = 50
 
 
 def with_constraints(
-    certificate: Certificate, curve: Curve, group: JointGroup, constraints: Sequence[PathConstraint], limits: ProofLimits
+    certificate: Certificate,
+    curve: Curve,
+    group: JointGroup,
+    constraints: Sequence[PathConstraint],
+    limits: ProofLimits,
 ) -> Certificate:
     """Return a certificate of collisions with the proofs of constraints on the same curve of a joint group."""
     settings = ConstraintSettings(

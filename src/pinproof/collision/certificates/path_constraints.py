@@ -18,7 +18,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import Chain, PathConstraint as CompiledConstraint
+from pinproof._core import Chain
+from pinproof._core import PathConstraint as CompiledConstraint
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointGroup
@@ -253,10 +254,18 @@ def held_together(
     at least sin(t/2)^2.
     """
     given = rigid("pose", pose)
-    here = Within.box(given, (0.0, 0.0, 0.0), tolerance=tolerance)
-    each = {"tolerance": rotation_tolerance / math.sqrt(2.0), "arm": arm, "relative_to": relative_to}
-    axes = (Upright(axis_in_tcp=_vector(e), up=_vector(given.rotation @ e), **each) for e in np.eye(3)[:2])
-    return replace(here, arm=arm, relative_to=relative_to, shape="point"), *axes
+    place = Within.box(given, (0.0, 0.0, 0.0), tolerance=tolerance)
+    x, y = (
+        Upright(
+            tolerance=rotation_tolerance / math.sqrt(2.0),
+            axis_in_tcp=_vector(axis),
+            up=_vector(given.rotation @ axis),
+            arm=arm,
+            relative_to=relative_to,
+        )
+        for axis in np.eye(3)[:2]
+    )
+    return replace(place, arm=arm, relative_to=relative_to, shape="point"), x, y
 
 
 @described(eq=False)

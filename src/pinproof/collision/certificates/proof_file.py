@@ -55,7 +55,7 @@ from pinproof.common.structs import (
     vector,
 )
 from pinproof.errors import FileError, InputError, NotProvenFree
-from pinproof.model import Arm, JointGroup, JointLimits, joint_axis
+from pinproof.model import JointGroup, JointLimits, joint_axis
 from pinproof.motion import Curve, LimitCheck, TimedCurve
 from pinproof.spatial import SE3, Array
 from pinproof.verifier import (
@@ -227,15 +227,16 @@ CONSTRAINT = Table(
     "constraint",
     "A constraint of the tcp, which holds on the whole curve. `direction`: the angle between `axis` and `direction`. "
     "`region`: the distance of `point` from a box. `target`: the angle between `axis` and the direction from `origin` "
-    "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in the root frame.",
+    "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in that of `reference`.",
     required("name", TEXT, "description for readers"),
     required("kind", choice("direction", "region", "target"), "kind of the constraint"),
     required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
+    Key("reference", JOINT, "index of the joint that carries the tcp of another arm; -1 for the root", "", -1),
     Key("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
-    Key("direction", VECTOR, "`direction`: unit vector in the root frame"),
+    Key("direction", VECTOR, "`direction`: unit vector in the frame of the reference"),
     Key("origin", VECTOR, "`target`: the origin of the tcp", "m"),
-    Key("point", VECTOR, "`region`: point of the tcp; `target`: point in the root frame", "m"),
-    Key("placement", PLACEMENT, "`region`: root_from_box", "m"),
+    Key("point", VECTOR, "`region`: point of the tcp; `target`: point in the frame of the reference", "m"),
+    Key("placement", PLACEMENT, "`region`: the pose of the box in the frame of the reference", "m"),
     Key("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
     Key("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
     required("tolerance", NOT_NEGATIVE, "largest allowed error", "rad or m"),
@@ -351,7 +352,7 @@ def proof_document(certificate: Any, curve: Curve, checker: CollisionChecker) ->
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
     document["intervals"], document["pairs"] = _evidence(proof, certificate, checker)
     if certificate.constraints:
-        document["constraints"] = _constraint_evidence(document, checker.arm, certificate.constraints)
+        document["constraints"] = _constraint_evidence(document, checker.group, certificate.constraints)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}}, SAME)
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
@@ -498,11 +499,15 @@ def limits_of(check: LimitCheck | None) -> dict[str, list[float | None]] | None:
     return dict(zip(PROOF_LIMITS.names, rows, strict=True))
 
 
-def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
-    """Return a constraint for a file: vectors of the tcp in the frame of its joint, all others in the root frame."""
-    frame = arm.model.frames[arm.model.getFrameId(arm.tcp, pin.FrameType.BODY)]
-    joint_from_tcp, root_from_base = frame.placement, arm.root_from_base
-    row: dict[str, Any] = {"name": str(constraint), "joint": int(frame.parentJoint) - 1}
+def constraint_of(group: JointGroup, constraint: PathConstraint) -> dict[str, Any]:
+    """Return a constraint for a file: vectors of the tcp in the frame of its joint, others in that of the reference."""
+    model, tcp, relative_to = group.model, group.tcp_of(constraint.arm), constraint.relative_to
+    base = next(base for base, other in group.ends.values() if other == tcp)
+    reference = base if relative_to is None else group.tcp_of(relative_to)
+    frame, origin = (model.frames[model.getFrameId(name, pin.FrameType.BODY)] for name in (tcp, reference))
+    joint_from_tcp, root_from_base = frame.placement, origin.placement
+    row: dict[str, Any] = {"name": str(constraint)}
+    row |= {"joint": int(frame.parentJoint) - 1, "reference": int(origin.parentJoint) - 1}
     # The verifier has one kind for each set in which a vector stays.
     if isinstance(constraint, Upright):
         axis, up = np.array(constraint.axis_in_tcp), np.array(constraint.up)
@@ -524,10 +529,12 @@ def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
     return {**row, "tolerance": constraint.tolerance}
 
 
-def _constraint_evidence(document: dict[str, Any], arm: Arm, proofs: Sequence[ConstraintProof]) -> list[dict[str, Any]]:
+def _constraint_evidence(
+    document: dict[str, Any], group: JointGroup, proofs: Sequence[ConstraintProof]
+) -> list[dict[str, Any]]:
     """Return the constraints with the intervals on which the verifier proves them; NotProvenFree if it does not."""
     rows = [
-        {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
+        {**constraint_of(group, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
         for each in proofs
     ]
     proof = Proof({**document, "constraints": rows}, SAME)
@@ -696,7 +703,7 @@ def verify_proof(
                 not_compared.append("the limits of velocity and acceleration (the proof claims none)")
         if constraints:
             for each in check_constraints(constraints):
-                mine = constraint_of(checker.arm, each)
+                mine = constraint_of(checker.group, each)
                 keys = [key for key in mine if key not in ("name", "tolerance")]
                 rows = [row for row in document.get("constraints", []) if not _different_keys(row, mine, keys)]
                 if not any(row["tolerance"] <= each.tolerance for row in rows):

@@ -569,8 +569,8 @@ BODY = "_body"
 def _one_arm(name: str, value: Any) -> str:
     if not isinstance(value, str):
         raise InputError(
-            f"{name} = {value!r} must be the name of one arm; an object that several arms hold together forms a closed "
-            "chain, which is not supported"
+            f"{name} = {value!r} must be the name of one arm; a part that several arms hold together is attached to "
+            "one of them: see pinproof.planning.plan_carry"
         )
     return value
 

@@ -23,6 +23,7 @@ PAGES = sorted(
         DOCS / "dynamics.md",
         DOCS / "libraries.md",
         DOCS / "planning.md",
+        DOCS / "two_hands.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )

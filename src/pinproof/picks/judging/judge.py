@@ -427,7 +427,7 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
     # Changed picks are judged in the same way, without suggestions of their own
     failed = replace(verdict.stages[-1], message=message)
     suggestions = suggest(
-        task, pick, failed, attempt, lambda other: _judge(other, cell.for_trials(failed.stage), seeds)
+        task, pick, failed, attempt, lambda other, stage: _judge(other, cell.for_trials(stage), seeds)
     )
     return replace(
         verdict,
@@ -442,13 +442,18 @@ def _judge(pick: Pick, cell: PickCell, seeds: list[int]) -> PickVerdict:
 
 def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judged:
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
+    # In a trial in which a failed grip does not count, the hand is closed first: this needs no configuration
+    trial = task.cell.trial
+    if trial is not None and task.name is not None and not Stage.GRIP.is_later_than(trial):
+        if not any(task.grip(member).held for member in group):
+            return _not_good(task, (VALID, StageResult(Stage.GRIP, False, "no grasp holds the part")), 0)
     # Reach and limits
     reached = reach(task, group, seeds[0])
     if not len(reached.q):
         return _not_good(task, (VALID, *reached.stages), 0, reached.refuted)
     # Contacts and grip
     screened = screen(task, group, reached)
-    failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not task.cell.trial
+    failed = task.arm.dof == REDUNDANT and not screened.candidates and not screened.not_held and not trial
     if failed and (between := reach_between(task, group, reached)) is not None:
         reached, screened = between, screen(task, group, between)
     stages, tried = (VALID, *reached.stages, *screened.stages), len(reached.q)
@@ -472,7 +477,7 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judge
         reachable = set(reached.member.tolist())
         others = (member for i, member in enumerate(group) if i not in reachable)
         refuted = (*screened.refuted, *(f"{member.head}{NO_SOLUTION} the grasp" for member in others))
-    elif stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
+    elif stages[-1].stage in (Stage.SELF, Stage.GRASP) and not trial:
         refuted = reasons_by_contact(task, group, reached)
     if not refuted:
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
@@ -503,7 +508,7 @@ def _search(
     """The verdict on a group with collision-free configurations, by the best motion through one of them."""
     # For a suggestion about the place, it is sufficient that a release is possible
     search, trial = BestFirst(task, candidates, seeds[1:3]), task.cell.trial
-    if trial is Stage.PLACE and not search.may_place():
+    if trial is not None and not Stage.PLACE.is_later_than(trial) and not search.may_place():
         unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
         return _not_good(task, (*stages, unplaced), tried)
     # The best motion that can be timed

@@ -328,7 +328,8 @@ STEP = 1e-3
 NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
 """Stages whose failure a small change of the pick cannot systematically correct: invalid input, or a limited search."""
 
-ORDER = list(Stage)
+LAST = list(Stage)[-1]
+"""The last stage: only good verdicts count if its failures do not."""
 
 
 class _Trials:
@@ -340,19 +341,19 @@ class _Trials:
 
     def __init__(
         self,
-        judge: Callable[[Pick], PickVerdict],
+        judge: Callable[[Pick, Stage], PickVerdict],
         failed: Stage,
         budget: int,
         possible: Callable[[Pick], bool],
         screen: Callable[[list[Change]], list[Change]],
     ) -> None:
-        self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
+        self._judge, self._failed, self.left = judge, failed, budget
         self._possible, self._checks, self._screen = possible, CHECKS * budget, screen
         self._seen: dict[Suggestion, bool] = {}
         self._may_be_good: dict[Change, bool] = {}
         self.best: Change | None = None
         """The smallest good change so far."""
-        self._helps: tuple[Change, str] | None = None
+        self._helps: tuple[Change, Stage] | None = None
 
     def good(self, candidate: Change) -> bool:
         """Whether the changed pick is good; also False if the budget is exhausted."""
@@ -366,13 +367,14 @@ class _Trials:
             self._seen[suggestion] = False
             return False
         self.left -= 1
-        verdict = self._judge(candidate.pick)
+        # A failure at a later stage only matters as long as no smaller change is known to help
+        may_help = self.best is None and (self._helps is None or candidate.size < self._helps[0].size)
+        verdict = self._judge(candidate.pick, self._failed if may_help else LAST)
         self._seen[suggestion] = verdict.ok
         if verdict.ok and (self.best is None or candidate.size < self.best.size):
             self.best = candidate
-        helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
-        if verdict.failed is not None and helps and (self._helps is None or candidate.size < self._helps[0].size):
-            self._helps = candidate, verdict.failed.value
+        if may_help and verdict.failed is not None and verdict.failed.is_later_than(self._failed):
+            self._helps = candidate, verdict.failed
         return verdict.ok
 
     def suggestion(self) -> Suggestion | None:
@@ -382,7 +384,7 @@ class _Trials:
         if self._helps is None:
             return None
         candidate, stage = self._helps
-        effect = f"passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
+        effect = f"passes the {self._failed.value} stage and fails at the {stage.value} stage"
         return replace(candidate.made[0], effect=effect)
 
     def nearest(self, candidates: list[Change]) -> Suggestion | None:
@@ -443,12 +445,12 @@ class _Trials:
 
 @step(SUGGESTIONS)
 def suggest(
-    task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Callable[[Pick], PickVerdict]
+    task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Callable[[Pick, Stage], PickVerdict]
 ) -> tuple[Suggestion, ...]:
     """Suggestions for a pick as it was stated, one for each kind of change; empty if nothing was found.
 
     If a line failed, ``attempt`` is the one that passed the most stages. ``judge`` gives the verdict on a changed pick,
-    without suggestions.
+    without suggestions, if only good verdicts and failures after a stage count.
     """
     # Only stages whose failure a small change can correct
     budget, stage = task.cell.budget.remedies, failed.stage

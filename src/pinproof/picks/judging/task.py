@@ -68,9 +68,9 @@ GRIPS_KEPT = 256
 class PickCell:
     """The arm in its scene, with the checkers of the open, the closed and the closing hand.
 
-    ``checker`` has the tool and the open fingers attached, and transits start at ``home`` (n,). ``trial`` is the stage
-    at which a pick failed, if changed picks are judged for suggestions. Only their good verdicts and failures at later
-    stages count, so their stages need not be judged in order.
+    ``checker`` has the tool and the open fingers attached, and transits start at ``home`` (n,). If changed picks are
+    judged for suggestions, only good verdicts and failures at stages later than ``trial`` count, so the stages need not
+    be judged in order.
     """
 
     checker: CollisionChecker
@@ -97,12 +97,12 @@ class PickCell:
         """The arm."""
         return self.checker.arm
 
-    def for_trials(self, failed: Stage) -> PickCell:
+    def for_trials(self, stage: Stage) -> PickCell:
         """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
-        if failed not in self._trials:
+        if stage not in self._trials:
             budget = replace(self.budget, compared=1, remedies=0, motion=0)
-            self._trials[failed] = replace(self, budget=budget, trial=failed)
-        return self._trials[failed]
+            self._trials[stage] = replace(self, budget=budget, trial=stage)
+        return self._trials[stage]
 
     def for_pick(self, pick: Pick) -> PickCell:
         """The cell with the hand of a pick with one grasp.

@@ -61,6 +61,11 @@ class Stage(Enum):
     PLACE = "place"
     TIMING = "timing"
 
+    def is_later_than(self, other: Stage) -> bool:
+        """Whether this stage is judged after another one."""
+        order = list(Stage)
+        return order.index(self) > order.index(other)
+
 
 LINES, REFUTATION, SUGGESTIONS = "approach and retreat", "refutation", "suggestions"
 """Further steps of which the time is measured: both lines, the proof that a pick is impossible, and changed picks."""

@@ -164,14 +164,14 @@ class Placer:
         """
         task, member = self.task, attempt.candidate.member
         many = self.releases(member)
-        # The releases in order of the time to them, each with the bound of its score
-        nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
+        # The releases at which the empty hand is free, in order of the time to them, each with the bound of its score
+        all_clearances = self._clearances(member, task.place is not None and task.place.retreat > 0)
+        nearest = np.lexsort((least_seconds(task.arm, attempt.exit[None], many)[0], all_clearances == 0.0))
         tried = nearest[: task.cell.budget.configurations]
         ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = np.maximum(there.min(axis=0, initial=np.inf) + ahead.after - SLACK_SECONDS, 0.0)[tried]
-        clearances = self._clearances(member, task.place is not None and task.place.retreat > 0)[tried] + SLACK
-        bounds = scores.bound(clearances, seconds, self._margins(member)[tried])
+        bounds = scores.bound(all_clearances[tried] + SLACK, seconds, self._margins(member)[tried])
         return PlaceSearch(self, attempt, seeds, scores, tried.tolist(), bounds.tolist())
 
     def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:

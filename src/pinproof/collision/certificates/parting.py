@@ -100,7 +100,10 @@ def _free(
         for each in (*touching, *others.values())
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
-    message = "; ".join([free_sentence(clearance, len(checker.margins), len(checker.excluded)), *map(str, partings)])
+    # A body leaves many facets of a mesh; the message describes the one that it leaves last.
+    last = {each.bodies: each for each in sorted(partings, key=lambda parting: parting.until)}
+    described = [str(each) for each in partings if last[each.bodies] is each]
+    message = "; ".join([free_sentence(clearance, len(checker.margins), len(checker.excluded)), *described])
     # Obstacles may be displaced as far as the part with the least slack allows.
     slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
     slack += [min(DEEPEST + each.group.gap - obstacle_tolerance, each.group.slack) for each in separating_pairs]
@@ -166,6 +169,7 @@ def _departures(
     limits, start = motion.limits, motion.bezier.control[0, 0]
     settings = SeparationSettings(NEAR, DEEPEST, limits.obstacles, limits.tolerance, limits.max_intervals)
     every = np.array(list(dict.fromkeys(np.concatenate(pairs).tolist())))
+    bodies_of = dict(zip(every.tolist(), checker._pairs[every].tolist(), strict=True))
     found = dict(zip(every.tolist(), separations(checker, every, motion.bezier, settings), strict=True))
     for of_names in pairs:
         if all(found[k].far for k in of_names.tolist()) and checker.convex[of_names].any():
@@ -189,7 +193,7 @@ def _departures(
         groups[pair] = own
         facets = [group.facets for group in own]
         if len(facets[0]):
-            b, rest = checker.indices_of(pair)[1], each.rest
+            b, rest = bodies_of[pair][1], each.rest
             mesh, parts[pair] = checker.bodies[b], []
             for some in (*facets, *([rest] if len(rest) else [])):
                 key, number = (b, some.tobytes()), len(checker.bodies) + len(bodies)
@@ -198,7 +202,7 @@ def _departures(
                 parts[pair].append(bodies[key][0])
     full, old, new = checker, np.arange(len(checker.margins)), dict[tuple[int, int], int]()
     if parts:
-        added = sorted((checker.indices_of(pair)[0], body) for pair, those in parts.items() for body in those)
+        added = sorted((bodies_of[pair][0], body) for pair, those in parts.items() for body in those)
         full, old, places = checker._with_obstacle_bodies([body for _, body in bodies.values()], np.array(added))
         new = dict(zip(added, places.tolist(), strict=True))
     separating: list[_SeparatingPair] = []
@@ -208,7 +212,7 @@ def _departures(
         if pair not in parts:
             separating.append(_SeparatingPair.of(place, owners, own[0], of_facets=False))
             continue
-        split = [new[checker.indices_of(pair)[0], body] for body in parts[pair]]
+        split = [new[bodies_of[pair][0], body] for body in parts[pair]]
         pieces[place] = [
             _SeparatingPair.of(k, owners, group, of_facets=True) for k, group in zip(split, own, strict=False)
         ]

@@ -355,12 +355,14 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
 
     def _with_facets_of(self, owners: Iterable[str]) -> CollisionChecker:
         """Return the same checker in which those of these obstacles that are many boxes are triangles."""
-        named = {body.owner for body in self.bodies if isinstance(body, CellsBody)}.intersection(owners)
+        made = self._assembly
+        ranges, bodies = made.around.ranges, made.around.bodies
+        named = {name for name in owners if any(isinstance(bodies[k], CellsBody) for k in ranges.get(name, ()))}
         if not named:
             return self
-        made, other = self._assembly, copy(self)
-        bodies = [b.as_mesh() if isinstance(b, CellsBody) and b.owner in named else b for b in made.around.bodies]
-        other._take(made.with_obstacle_bodies(bodies, made.pairs))
+        other = copy(self)
+        with_meshes = [b.as_mesh() if isinstance(b, CellsBody) and b.owner in named else b for b in bodies]
+        other._take(made.with_obstacle_bodies(with_meshes, made.pairs))
         return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:

@@ -109,9 +109,8 @@ def reach(task: PickTask, members: list[Member], seed: int) -> Reached:
 
 def _reached(task: PickTask, members: list[Member], targets: list[SE3], row: Indices, q: Array) -> Reached:
     """The result with configurations."""
-    shown = 1 if task.cell.trial else 8  # the error of a trial is not shown
-    pairs = zip(row[:shown], q[:shown], strict=True)
-    off = max(twist_size(targets[i], task.arm.forward_kinematics(each))[0] for i, each in pairs)
+    pairs = zip(row[:8], q[:8], strict=True) if task.cell.trial is None else ()  # the error of a trial is not shown
+    off = max((twist_size(targets[i], task.arm.forward_kinematics(each))[0] for i, each in pairs), default=0.0)
     spread = f" for {len(members)} grasps" if len(members) > 1 else ""
     message = f"{len(q)} IK solution{'' if len(q) == 1 else 's'}{spread}, position error {off:.1e} m"
     figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}

@@ -31,6 +31,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -271,11 +272,6 @@ class BestFirst:
         attempt = along(task, self._candidates[index], max(tried, default=(1, 0.0)))
         self.attempts.append(attempt)
         if not attempt.passed:
-            if task.cell.trial is not None and len(self.attempts) == 1:
-                # In a trial, the reasons of the others are not wanted, so one call sorts out most of them
-                left = self._order[1 : self._budget.configurations]
-                may = may_approach(task, [self._candidates[i] for i in left])
-                self._order[1:] = [i for i, possible in zip(left, may.tolist(), strict=True) if possible]
             return
         # A complete motion is at most as good as its lines, at any full rotations within the limits
         arm, (low, high) = task.arm, span(attempt.q, attempt.approach, attempt.retreat)
@@ -444,9 +440,9 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judge
     """The verdict on a group of grasps with equal displacement from the nominal grasp."""
     # In a trial in which a failed grip does not count, the hand is closed first: this needs no configuration
     trial = task.cell.trial
-    if trial is not None and task.name is not None and not Stage.GRIP.is_later_than(trial):
-        if not any(task.grip(member).held for member in group):
-            return _not_good(task, (VALID, StageResult(Stage.GRIP, False, "no grasp holds the part")), 0)
+    grip_first = trial is not None and task.name is not None and not Stage.GRIP.is_later_than(trial)
+    if grip_first and not any(task.grip(member).held for member in group):
+        return _not_good(task, (VALID, StageResult(Stage.GRIP, False, "no grasp holds the part")), 0)
     # Reach and limits
     reached = reach(task, group, seeds[0])
     if not len(reached.q):
@@ -457,8 +453,14 @@ def _judge_group(task: PickTask, group: list[Member], seeds: list[int]) -> Judge
     if failed and (between := reach_between(task, group, reached)) is not None:
         reached, screened = between, screen(task, group, between)
     stages, tried = (VALID, *reached.stages, *screened.stages), len(reached.q)
-    if screened.candidates:
-        return _search(task, group, screened.candidates, stages, tried, seeds)
+    candidates = screened.candidates
+    if candidates and trial is not None:
+        # In a trial, the reasons of failures are not wanted, so one call sorts out most configurations
+        candidates = tuple(compress(candidates, may_approach(task, candidates).tolist()))
+        if not candidates:
+            return _not_good(task, (*stages, StageResult(Stage.APPROACH, False, "no straight line exists")), tried)
+    if candidates:
+        return _search(task, group, candidates, stages, tried, seeds)
     if screened.not_held:
         return _not_good(task, stages, tried, screened.refuted)
     if stages[-1].stage is Stage.CHECK:  # a check of the user refutes the configurations that it saw, and no others

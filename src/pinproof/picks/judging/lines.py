@@ -113,9 +113,13 @@ def may_approach(task: PickTask, candidates: Sequence[GraspCandidate]) -> npt.ND
     """Whether the straight approach of each candidate (k,) is possible without regard to contacts."""
     if not task.pick.approach or not candidates:
         return np.ones(len(candidates), dtype=bool)
-    ends = task.targets([task.pick.before(task.grasp(candidate.member)) for candidate in candidates])
+    members = {each.member.words: each.member for each in candidates}
+    ends = dict(
+        zip(members, task.targets([task.pick.before(task.grasp(each)) for each in members.values()]), strict=True)
+    )
+    every = np.array([ends[each.member.words] for each in candidates])
     follower = RouteFollower(arm=task.arm, least=1.0)
-    return np.isfinite(follower.ends_of_lines(np.array([each.q for each in candidates]), ends)[:, 0])
+    return np.isfinite(follower.ends_of_lines(np.array([each.q for each in candidates]), every)[:, 0])
 
 
 def line_in(task: PickTask, candidate: GraspCandidate, least: float = 0.0) -> ToolLine:

@@ -91,9 +91,8 @@ class ShiftSuggestion(Suggestion):
         return [(what, by, frame) for what, by, frame in stated if by is not None]
 
 
-def _printed(by: Array) -> Vector:
-    """A shift by (3,) mm, rounded to :data:`RESOLUTION`."""
-    x, y, z = (np.round(by, 2) + 0.0).tolist()
+def _vector(values: Array) -> Vector:
+    x, y, z = values.tolist()
     return x, y, z
 
 
@@ -225,26 +224,27 @@ class Change:
     """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
 
     ``early`` marks the few candidates that are judged first if the budget is less than their number. Most candidates
-    are never checked, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
-    it also returns the displacements (3,) of the tip in the root frame (m), at the grasp and at the release, and they
+    are never judged, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
+    ``moves`` are the displacements (2, 3) of the tip in the root frame (m), at the grasp and at the release, and they
     are screened without the changed pick.
     """
 
     stated: Pick
-    make: Callable[[], tuple[Suggestion, tuple[Array, Array] | None]]
+    make: Callable[[], Suggestion]
     size: float
     direction: tuple[int, ...] = ()
     early: bool = False
+    moves: Array | None = None
 
     @cached_property
-    def made(self) -> tuple[Suggestion, tuple[Array, Array] | None]:
-        """The suggestion and the displacements."""
+    def suggestion(self) -> Suggestion:
+        """The change as it is stated."""
         return self.make()
 
     @cached_property
     def pick(self) -> Pick:
         """The changed pick."""
-        return self.made[0].apply(self.stated)
+        return self.suggestion.apply(self.stated)
 
 
 def _rotations(
@@ -255,11 +255,7 @@ def _rotations(
     early: Iterable[int],
 ) -> list[Change]:
     """The pick turned by angles (degrees) to either side about axes (3,) of the tip, each with its direction."""
-    with_place = _keeps_place(task, pick)
-
-    def turned(axis: Array, degrees: float) -> tuple[Suggestion, None]:
-        return TurnSuggestion.about(axis, degrees, with_place=with_place), None
-
+    turned = partial(TurnSuggestion.about, with_place=_keeps_place(task, pick))
     return [
         Change(pick, partial(turned, axis, float(sign * size)), float(size), (sign, *direction), size in early)
         for size, (direction, axis), sign in product(sizes, axes, (1, -1))
@@ -274,26 +270,29 @@ def _keeps_place(task: PickTask, pick: Pick) -> bool:
 
 def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_place: bool) -> list[Change]:
     """The pick, and its place with it if it keeps it, or its place alone, moved by shifts, by length."""
-    place, follows = pick.place, _keeps_place(task, pick)
-    # The axes of the frames in which the pick and the place are stated, and those of the place by those of the pick
-    axes = task.root_from(pick.frame).rotation
-    place_axes = np.eye(3) if place is None else task.root_from(place.frame).rotation
-    turned = np.eye(3) if place is None or of_place else place.pose.rotation @ pick.pose.rotation.T
+    ordered, place = sorted(shifts, key=lambda shift: shift.size), pick.place
+    # Millimetres, as printed, by which the pick and its place are moved, each in the frame in which it is stated
+    by = np.array([shift.by for shift in ordered]).reshape(-1, 3)
+    own, other = None if of_place else np.round(by, 2) + 0.0, None
+    if place is not None and (of_place or _keeps_place(task, pick)):
+        turned = np.eye(3) if of_place else place.pose.rotation @ pick.pose.rotation.T
+        other = np.round(by @ turned.T, 2) + 0.0
 
-    def moved(by: Array) -> tuple[Suggestion, tuple[Array, Array] | None]:
-        own = None if of_place else _printed(by)
-        move = np.zeros(3) if own is None else axes @ (np.array(own) / 1e3)
-        if place is None or not (of_place or follows):
-            # The pose of the tip at a release that is stated as one of the object changes with the grasp
-            known = place is None or place.pose_of == TIP
-            return ShiftSuggestion(by=own, frame=pick.frame), (move, np.zeros(3)) if known else None
-        other = _printed(turned @ by)
-        frame = "" if own is None else pick.frame
-        suggestion = ShiftSuggestion(by=own, frame=frame, place_by=other, place_frame=place.frame)
-        return suggestion, (move, place_axes @ (np.array(other) / 1e3))
+    def moved(k: int) -> Suggestion:
+        pick_by, place_by = (None if each is None else _vector(each[k]) for each in (own, other))
+        frames = "" if pick_by is None else pick.frame, "" if place is None or place_by is None else place.frame
+        return ShiftSuggestion(by=pick_by, frame=frames[0], place_by=place_by, place_frame=frames[1])
 
-    changes = [Change(pick, partial(moved, each.by), each.size, each.direction, each.early) for each in shifts]
-    return sorted(changes, key=lambda change: change.size)
+    # The displacements of the tip. At a release that is stated as a pose of the object, it changes with the grasp
+    moves = np.zeros((len(ordered), 2, 3))
+    for at, (each, thing) in enumerate(((own, pick), (other, place))):
+        if each is not None and thing is not None:
+            moves[:, at] = each / 1e3 @ task.root_from(thing.frame).rotation.T
+    known = place is None or other is not None or place.pose_of == TIP
+    return [
+        Change(pick, partial(moved, k), each.size, each.direction, each.early, moves[k] if known else None)
+        for k, each in enumerate(ordered)
+    ]
 
 
 @cache
@@ -357,7 +356,7 @@ class _Trials:
 
     def good(self, candidate: Change) -> bool:
         """Whether the changed pick is good; also False if the budget is exhausted."""
-        suggestion = candidate.made[0]
+        suggestion = candidate.suggestion
         if suggestion in self._seen:
             return self._seen[suggestion]
         if self.left <= 0:
@@ -380,12 +379,12 @@ class _Trials:
     def suggestion(self) -> Suggestion | None:
         """The smallest good candidate, otherwise the smallest that helps; None if there is none."""
         if self.best is not None:
-            return self.best.made[0]
+            return self.best.suggestion
         if self._helps is None:
             return None
         candidate, stage = self._helps
         effect = f"passes the {self._failed.value} stage and fails at the {stage.value} stage"
-        return replace(candidate.made[0], effect=effect)
+        return replace(candidate.suggestion, effect=effect)
 
     def nearest(self, candidates: list[Change]) -> Suggestion | None:
         """The suggestion of the smallest good candidate of those, ordered by size, that the budget allows to judge.
@@ -403,7 +402,9 @@ class _Trials:
             for change in chain([self.best], self._ascending(candidates)):
                 if change.direction not in tried and self.left > 0:
                     tried.add(change.direction)
-                    self.bisect(self._screened([each for each in candidates if each.direction == change.direction]))
+                    line = [each for each in candidates if each.direction == change.direction]
+                    if change.direction == self.best.direction or self._is_largest_good(line):
+                        self.bisect(self._screened(line))
         for change in self._ascending(candidates):
             self.good(change)
         return self.suggestion()
@@ -426,15 +427,14 @@ class _Trials:
             self._may_be_good.update((change, change in passed) for change in new)
         return [change for change in smaller if self._may_be_good[change]]
 
+    def _is_largest_good(self, line: list[Change]) -> bool:
+        """Whether the largest change along a direction that passes the screening is good; no other is screened."""
+        largest = next((change for change in reversed(line) if self._screened([change])), None)
+        return largest is not None and self.good(largest)
+
     def bisect(self, line: list[Change]) -> None:
-        """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
-        if not line:
-            return
-        low, high, best = -1, len(line), self.best
-        if best is not None and best.direction != line[0].direction:
-            if not self.good(line[-1]):
-                return
-            high -= 1
+        """Look for a smaller good candidate along the direction of the best one."""
+        low, high = -1, len(line)
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if self.good(line[middle]) else (middle, high)
@@ -445,7 +445,11 @@ class _Trials:
 
 @step(SUGGESTIONS)
 def suggest(
-    task: PickTask, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Callable[[Pick, Stage], PickVerdict]
+    task: PickTask,
+    pick: Pick,
+    failed: StageResult,
+    attempt: Attempt | None,
+    judge: Callable[[Pick, Stage], PickVerdict],
 ) -> tuple[Suggestion, ...]:
     """Suggestions for a pick as it was stated, one for each kind of change; empty if nothing was found.
 
@@ -476,7 +480,7 @@ def suggest(
         found.append(_shorter(task, pick, stage, attempt, trials()))
     if attempt is not None and stage is Stage.RETREAT and (pick.retreat_frame, pick.retreat_direction) != (ROOT, UP):
         upwards = trials()
-        upwards.good(Change(pick, lambda: (RetreatSuggestion(), None), 0.0))
+        upwards.good(Change(pick, RetreatSuggestion, 0.0))
         found.append(upwards.suggestion())
     # Another place, another rotation, another tilt, another position
     if stage is Stage.PLACE and pick.place is not None:
@@ -507,8 +511,7 @@ def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials:
 
     def to_length(steps: int) -> Change:
         before, after = round(stated * 1e3, 2), round(steps * STEP * 1e3, 2)
-        shorter = LengthSuggestion(line=key, before=before, after=after)
-        return Change(pick, lambda: (shorter, None), stated - steps * STEP)
+        return Change(pick, partial(LengthSuggestion, line=key, before=before, after=after), stated - steps * STEP)
 
     # The shortened line alone is possible; now the complete pick, and longer lines
     low, high = round(length / STEP), int(np.ceil(stated / STEP - 1e-9))
@@ -527,7 +530,7 @@ def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = Fals
     changed (``of_place``), the grasp is not checked.
     """
     home = task.cell.home
-    tasks = {change: task if change.made[1] else PickTask(change.pick, task.cell) for change in candidates}
+    tasks = {change: PickTask(change.pick, task.cell) if change.moves is None else task for change in candidates}
     if not of_place:
         owner, targets = _poses_of(task, tasks, "grasp")
         fractions = FRACTIONS if task.cell.closed_form and task.pick.approach > 0 else ()
@@ -567,9 +570,9 @@ def _poses_of(
     share of the approach before each of them.
     """
     owner = np.repeat(np.arange(len(changed)), [len(other.nearest_group) for other in changed.values()])
-    rotation, still = task.arm.root_from_base.rotation.T, np.zeros(3)
-    moves = [still if change.made[1] is None else change.made[1][which == "release"] for change in changed]
-    by = np.array([rotation @ move for move in moves]).reshape(-1, 3)[owner]
+    still = np.zeros((2, 3))
+    moves = np.array([still if change.moves is None else change.moves for change in changed]).reshape(-1, 2, 3)
+    by = (moves[:, int(which == "release")] @ task.arm.root_from_base.rotation)[owner]
 
     def targets(share: float) -> Array:
         stated: dict[PickTask, Array] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from itertools import product
 
@@ -15,6 +16,7 @@ from pinproof.picks import PickSetup, PickWeights
 from pinproof.picks.judging import grasp, place
 from pinproof.picks.judging.configurations import at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import INSTANT, GraspCandidate, reach, screen
+from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.judge import BestFirst, Scoring, _Completions, _judge
 from pinproof.picks.judging.lines import Attempt, Crossing, ToolLine, along, full_rotations, shifted, span
 from pinproof.picks.judging.place import Placer, Placing, Release, Scores, release_lines
@@ -261,6 +263,30 @@ def test_a_trial_for_the_place_is_good_if_a_release_is_possible(task) -> None:
     verdict = _judge(replace(task.pick, place=far), cell, [1, 2, 3, 4])
     assert verdict.failed is Stage.PLACE
     assert verdict.reason.startswith("no IK solution at the release")
+
+
+def test_a_trial_that_needs_the_grip_closes_the_hand_before_anything_else(task, monkeypatch) -> None:
+    failed = GripResult(held=False, message="no contact")
+    monkeypatch.setattr(PickTask, "grip", lambda task, member: failed)
+    of_trial = {
+        stage: _judge(task.pick, task.cell.for_trials(stage), [1, 2, 3, 4]) for stage in (Stage.GRASP, Stage.GRIP)
+    }
+    assert [verdict.failed for verdict in of_trial.values()] == [Stage.GRIP] * 2
+    assert Stage.GRASP in [result.stage for result in of_trial[Stage.GRASP].stages]
+    assert [result.stage for result in of_trial[Stage.GRIP].stages] == [Stage.INPUT, Stage.GRIP]
+
+
+def test_releases_at_which_the_empty_hand_is_free_are_tried_first(task, releases, attempt, monkeypatch) -> None:
+    """The releases nearest in time are in contact, and the budget is one release."""
+    placer, member = Placer(copy(task), 0), attempt.candidate.member
+    placer.task.cell = replace(task.cell, budget=replace(task.cell.budget, configurations=1))
+    nearest = placer.search(attempt, [1, 2], Scores())._tried
+    clearances = np.full(len(placer.releases(member)), 0.01)
+    clearances[nearest] = 0.0
+    monkeypatch.setattr(Placer, "_clearances", lambda placer, member, retreats: clearances)
+    other = placer.search(attempt, [1, 2], Scores())._tried
+    assert len(nearest) == len(other) == 1
+    assert other != nearest
 
 
 # -- attempts at full rotations of their joints, compared with all rotations within the limits -------------------------

@@ -253,15 +253,53 @@ def test_no_suggestion_is_made_without_a_budget(arm) -> None:
 
 def test_a_change_that_cannot_be_good_is_not_judged_and_not_good_when_it_is_tried_again() -> None:
     judged: list[str] = []
-    trials = suggest._Trials(lambda pick: judged.append(pick), Stage.GRASP, 3, lambda pick: False, list)
-    change = suggest.Change(PICK, lambda: (ShiftSuggestion(by=(0, 0, 10)), None), 10.0)
+    trials = suggest._Trials(lambda pick, stage: judged.append(pick), Stage.GRASP, 3, lambda pick: False, list)
+    change = suggest.Change(PICK, partial(ShiftSuggestion, by=(0, 0, 10)), 10.0)
     assert [trials.good(change), trials.good(change)] == [False, False]
     assert (judged, trials.best, trials.left) == ([], None, 3)
 
 
-def verdict_on(pick: pp.Pick, *, good: bool) -> pp.picks.PickVerdict:
+def verdict_on(pick: pp.Pick, *, good: bool, stage: Stage = Stage.RETREAT) -> pp.picks.PickVerdict:
     status = pp.picks.PickStatus.GOOD if good else pp.picks.PickStatus.NOT_FOUND
-    return pp.picks.PickVerdict(pick, status, (StageResult(Stage.RETREAT, good, ""),))
+    return pp.picks.PickVerdict(pick, status, (StageResult(stage, good, ""),))
+
+
+def test_failures_at_later_stages_count_until_a_smaller_change_is_known_to_help() -> None:
+    counted: list[Stage] = []
+
+    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
+        counted.append(stage)
+        return verdict_on(other, good=False, stage=Stage.PLACE)
+
+    trials = suggest._Trials(verdict, Stage.GRASP, 9, lambda other: True, list)
+    for mm in (20.0, 10.0, 30.0):
+        trials.good(suggest.Change(PICK, partial(ShiftSuggestion, by=(mm, 0, 0)), mm))
+    assert counted == [Stage.GRASP, Stage.GRASP, Stage.TIMING]
+    effect = "passes the grasp stage and fails at the place stage"
+    assert trials.suggestion() == ShiftSuggestion(by=(10.0, 0, 0), effect=effect)
+
+
+def test_along_a_direction_the_largest_change_that_passes_the_screening_must_be_good() -> None:
+    """The change by 50 mm along x is good; along y only those by up to 15 mm pass the screening, and none is good."""
+    seen, screened = [], []
+
+    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
+        seen.append(tuple(np.round((other.pose.translation - PICK.pose.translation) * 1e3).tolist()))
+        return verdict_on(other, good=seen[-1][0] >= 50)
+
+    def screen(changes: list[suggest.Change]) -> list[suggest.Change]:
+        screened.extend(changes)
+        return [change for change in changes if change.direction[0] or change.size <= 15]
+
+    changes = [
+        suggest.Change(PICK, partial(ShiftSuggestion, by=(mm * x, mm * y, 0)), float(mm), (x, y, 0), mm == 50)
+        for mm in DISTANCES
+        for x, y in ((1, 0), (0, 1))
+    ]
+    trials = suggest._Trials(verdict, Stage.GRASP, 20, lambda other: True, screen)
+    assert trials.nearest(changes) == ShiftSuggestion(by=(50, 0, 0))
+    assert next(each for each in seen if each[1]) == (0, 15, 0)
+    assert len(screened) == len(set(screened))
 
 
 @pytest.mark.parametrize(("longest", "judged", "found"), [(44, [42, 43, 45], 43), (42, [42, 43], 42), (41, [42], None)])
@@ -278,7 +316,7 @@ def test_the_first_length_whose_line_is_possible_is_judged_and_then_longer_ones(
         fraction = min(0.0425 / shorter.pick.retreat, 1.0)
         return ToolLine(StageResult(Stage.RETREAT, fraction == 1.0, ""), None, fraction), ()
 
-    def verdict(other: pp.Pick) -> pp.picks.PickVerdict:
+    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
         seen.append(round(other.retreat * 1e3))
         return verdict_on(other, good=seen[-1] <= longest)
 
@@ -294,15 +332,14 @@ def test_the_first_length_whose_line_is_possible_is_judged_and_then_longer_ones(
 def test_a_small_budget_is_spent_on_a_few_distances_first_and_then_below_the_good_one() -> None:
     seen = []
 
-    def verdict(other: pp.Pick) -> pp.picks.PickVerdict:
+    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
         seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
         return verdict_on(other, good=seen[-1] >= 13)
 
-    def moved(mm: float) -> tuple[ShiftSuggestion, None]:
-        return ShiftSuggestion(by=(mm, 0, 0)), None
-
     changes = [
-        suggest.Change(PICK, partial(moved, mm), float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES)
+        suggest.Change(
+            PICK, partial(ShiftSuggestion, by=(mm, 0, 0)), float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES
+        )
         for mm in DISTANCES
     ]
     found = suggest._Trials(verdict, Stage.GRASP, 7, lambda other: True, list).nearest(changes)
@@ -321,13 +358,13 @@ def test_turns_about_the_approach_and_tilts_about_both_other_axes_are_candidates
     candidates: list[suggest.Change] = []
     monkeypatch.setattr(suggest, "_screened", lambda task, changes, **_: candidates.extend(changes) or [])
     suggest.suggest(task, pick, StageResult(Stage.GRASP, False, ""), None, None)
-    turned = [change for change in candidates if isinstance(change.made[0], TurnSuggestion)]
-    turns = {(int(np.argmax(change.made[0].axis)), change.made[0].degrees) for change in turned}
+    turned = [change for change in candidates if isinstance(change.suggestion, TurnSuggestion)]
+    turns = {(int(np.argmax(change.suggestion.axis)), change.suggestion.degrees) for change in turned}
     about = {(main, sign * degrees) for degrees in TURNS for sign in (1, -1)} - {(main, -180)}
     across = {(axis, sign * degrees) for axis in {0, 1, 2} - {main} for degrees in TILTS for sign in (1, -1)}
     assert turns == about | across
-    early = {(change.made[0].axis[main] != 0.0, change.size) for change in turned if change.early}
+    early = {(change.suggestion.axis[main] != 0.0, change.size) for change in turned if change.early}
     assert early == {(True, size) for size in EARLY_TURNS} | {(False, size) for size in EARLY_TILTS}
     for change in turned:
         tilt = np.arccos(np.clip((change.pick.pose.rotation @ axis) @ (pick.pose.rotation @ axis), -1.0, 1.0))
-        assert np.degrees(tilt) == pytest.approx(0.0 if change.made[0].axis[main] else change.size, abs=1e-4)
+        assert np.degrees(tilt) == pytest.approx(0.0 if change.suggestion.axis[main] else change.size, abs=1e-4)

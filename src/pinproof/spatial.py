@@ -282,13 +282,13 @@ def matrix(transform: pin.SE3) -> Array:
     return np.array(transform.homogeneous)
 
 
-def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """Return a copy as a float array, checked for its shape (``None`` matches any length) and for finite numbers.
+def floats(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """Return a copy as a float array, checked for its shape (``None`` matches any length); NaN and infinity are valid.
 
     Raises
     ------
     InputError
-        If the shape differs or a number is not finite; the message states ``name``, both shapes or the index.
+        If the value is not numbers or the shape differs; the message states ``name`` and both shapes.
     """
     try:
         array = np.array(value, dtype=float, order="C")
@@ -301,6 +301,12 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
         if len(shape) == 1 and shape[0] is not None and array.ndim <= 1:
             raise InputError(f"{name} must have {shape[0]} number{'' if shape[0] == 1 else 's'}, not {array.size}")
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
+    return array
+
+
+def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """As :func:`floats`, but all numbers must be finite; the message states the index of one that is not."""
+    array = floats(name, value, shape)
     if not all_finite(array):
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = place[0] if len(place) == 1 else place

@@ -41,7 +41,7 @@ from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, Trajectory, check_limits
-from pinproof.spatial import Array, finite
+from pinproof.spatial import Array, finite, floats
 
 JOINT_TOLERANCE = 0.01
 """rad or m: default deviation of each joint that the tube covers."""
@@ -264,11 +264,11 @@ class Monitor(Shown):
         names = self._trajectory.joint_names
         if not isinstance(time, (int, float, np.number)) or not np.isfinite(time):
             raise InputError(f"time = {time!r}; it must be a finite number of seconds")
-        at = _measured("q", q, len(names))
+        at = floats("q", q, (len(names),))
         # Without measured velocities, they follow from the last measurement
         rate, progress = np.zeros(len(names)), min(max(time, 0.0), self._trajectory.duration)
         if dq is not None:
-            rate = _measured("dq", dq, len(names))
+            rate = floats("dq", dq, (len(names),))
         elif self._last is None or time <= 0.0 < self._last[0]:
             rate = np.asarray(self._trajectory.velocity(progress))
         elif time > self._last[0]:
@@ -341,7 +341,7 @@ class Monitor(Shown):
             If a shape is wrong.
         """
         n = len(self._trajectory.joint_names)
-        return np.asarray(self._deviation(0.0, _measured("q", q, n), _measured("dq", dq, n)) / self._tolerance)
+        return np.asarray(self._deviation(0.0, floats("q", q, (n,)), floats("dq", dq, (n,))) / self._tolerance)
 
     def stop_trajectory(self, q: npt.ArrayLike, dq: npt.ArrayLike) -> Trajectory:
         """Return the stop of a result as a motion for a controller: at dq until the latency has passed, then to rest.
@@ -421,14 +421,4 @@ def per_joint(name: str, value: npt.ArrayLike, n: int, *, above_zero: bool = Fal
     array = finite(name, np.full(n, value) if np.ndim(value) == 0 else value, (n,))
     if (array < 0).any() or (above_zero and not (array > 0).all()):
         raise InputError(f"{name} = {value!r}; it must be {'above 0' if above_zero else '0 or more'}")
-    return array
-
-
-def _measured(name: str, value: npt.ArrayLike, n: int) -> Array:
-    try:
-        array = np.array(value, dtype=float)  # a copy: a controller may use the same array at each tick
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be {n} numbers: {error}") from error
-    if array.shape != (n,):
-        raise InputError(f"{name} must have the shape ({n},); it has {array.shape}")
     return array

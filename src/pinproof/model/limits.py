@@ -31,7 +31,7 @@ from pinproof.common.structs import (
 )
 from pinproof.common.validation import named_arguments
 from pinproof.errors import FileError, InputError, UnknownNameError
-from pinproof.spatial import Array
+from pinproof.spatial import Array, floats
 
 DEFAULT_RAMP = 0.5
 """Seconds in which a joint reaches its velocity limit if no acceleration limit is known (a URDF has none)."""
@@ -110,7 +110,7 @@ class JointLimits(Shown):
         acceleration, source = self.acceleration, self.acceleration_source or "given by the caller"
         default = acceleration is None
         if default:
-            acceleration = _array("velocity", self.velocity) / DEFAULT_RAMP
+            acceleration = floats("limits.velocity", self.velocity, (None,)) / DEFAULT_RAMP
             source = f"{GUESSED} the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
         object.__setattr__(self, "acceleration", acceleration)
         object.__setattr__(self, "acceleration_source", source)
@@ -118,9 +118,7 @@ class JointLimits(Shown):
         for name in LIMIT_KINDS:
             if (value := getattr(self, name)) is None:
                 continue
-            array = _array(name, value)
-            if array.ndim != 1 or array.shape != np.shape(self.lower):
-                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}, not {array.shape}")
+            array = floats(f"limits.{name}", value, (None,) if name == "lower" else self.lower.shape)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.jerk is not None:
@@ -253,10 +251,7 @@ class JointLimits(Shown):
             if name not in joint_names:
                 raise UnknownNameError("joint", name, joint_names, "limits")
             index = list(joint_names).index(name)
-            try:
-                lower[index], upper[index] = np.array(bounds, dtype=float)  # refuses a text and a set, too
-            except (TypeError, ValueError) as error:
-                raise InputError(f"the limits of joint {name!r} must be (lower, upper), not {bounds!r}") from error
+            lower[index], upper[index] = floats(f"the limits of joint {name!r} (lower, upper)", bounds, (2,))
         return dataclasses.replace(self, lower=lower, upper=upper)
 
     def sampling_range(self) -> tuple[Array, Array]:
@@ -266,14 +261,6 @@ class JointLimits(Shown):
         lower[open_below] = np.where(open_above, -np.pi, upper - 2 * np.pi)[open_below]
         upper[open_above] = np.where(open_below, np.pi, lower + 2 * np.pi)[open_above]
         return lower, upper
-
-
-def _array(name: str, value: object) -> Array:
-    """A new array of the numbers, which may be NaN or infinite."""
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"limits.{name} must be numbers, one for each joint, not {value!r}") from error
 
 
 KINDS = {

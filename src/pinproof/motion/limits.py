@@ -17,7 +17,7 @@ from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.model import JointLimits, distinct
 from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, is_timed, parameter_text
-from pinproof.spatial import Array
+from pinproof.spatial import Array, floats
 
 RATE_TOLERANCE = 1e-9
 """Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""
@@ -81,7 +81,8 @@ class Bounds:
         ends = []
         for kind, unlimited in (("lower", -np.inf), ("upper", np.inf)):
             given = getattr(limits, kind, None)
-            ends.append(_array(kind, np.full(len(joint_names), unlimited) if given is None else given, joint_names))
+            n = len(joint_names)
+            ends.append(floats(f"limits.{kind}", np.full(n, unlimited) if given is None else given, (n,)))
             if (unknown := np.flatnonzero(np.isnan(ends[-1]))).size:
                 name = joint_names[int(unknown[0])]
                 raise InputError(
@@ -105,23 +106,13 @@ class Bounds:
         )
 
 
-def _rates(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
-    rates = _array(kind, value, joint_names)
+def _rates(kind: str, value: npt.ArrayLike, joint_names: tuple[str, ...]) -> Array:
+    rates = floats(f"limits.{kind}", value, (len(joint_names),))
     for name, rate in zip(joint_names, rates.tolist(), strict=True):
         if not 0.0 < rate < np.inf:
             found = "is not known" if np.isnan(rate) else f"is {rate:g}, which is not positive and finite"
             raise InputError(f"the {kind} limit of joint {name!r} {found}; give it with limits=")
     return rates
-
-
-def _array(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"limits.{kind} must have one number per joint: {error}") from error
-    if array.shape != (len(joint_names),):
-        raise InputError(f"limits.{kind} must have the shape ({len(joint_names)},); it has {array.shape}")
-    return array
 
 
 def least_times(

@@ -69,12 +69,13 @@ class Runner:
         stage: str,
         task: Callable[[int, Any], list[Any]],
         items: Sequence[Any],
-        chunk: int,
+        chunk: int | None = None,
         *,
         in_memory: bool = False,
     ) -> list[Any]:
         """The rows ``task(start, part)`` of all items, in order.
 
+        The default ``chunk`` is one item in this process, and about one second of work for other workers.
         The rows of a stage do not depend on the division into chunks. Without a folder, or ``in_memory``, they are of
         any type. With one, they are dictionaries, which may have the key ``keep`` with a value that stays in memory.
         """
@@ -107,13 +108,14 @@ class Runner:
         task: Callable[[int, Any], list[Any]],
         items: Sequence[Any],
         ranges: Sequence[tuple[int, int]],
-        chunk: int,
+        chunk: int | None,
     ) -> Iterator[Outcome]:
         # In this process, chunk by chunk, so that progress is reported
         if self._executor is None:
+            size = chunk or 1
             for start, stop in ranges:
-                for first in range(start, stop, chunk):
-                    last = min(first + chunk, stop)
+                for first in range(start, stop, size):
+                    last = min(first + size, stop)
                     yield Outcome(first, last, task(first, items[first:last]))
             return
         chunks = do_chunks(
@@ -127,5 +129,6 @@ class Runner:
         with closing(chunks) as outcomes:
             for outcome in outcomes:
                 if outcome.crashed:
-                    raise CampaignError(f"every worker process that worked on item {outcome.start} alone died")
+                    name = repr(getattr(items[outcome.start], "name", outcome.start))
+                    raise CampaignError(f"every worker process that worked on item {name} alone died")
                 yield outcome

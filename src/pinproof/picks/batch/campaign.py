@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import pickle
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -44,6 +44,7 @@ from pinproof.work import (
     Checksums,
     Journal,
     Outcome,
+    Runner,
     Workers,
     do_chunks,
     ranges_missing,
@@ -125,20 +126,14 @@ def validate_picks(
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget, checks=checks)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
 
-    def judged() -> Generator[tuple[int, PickVerdict], None, None]:
-        if executor is None and workers is None:
-            yield from ((index, setup.judge(index, pick)) for index, pick in enumerate(picks))
-            return
-        work, whole = partial(_verdicts, setup), [(0, len(picks))]
-        for outcome in do_chunks(
-            work, lambda i, j: picks.picks[i:j], whole, executor=executor, workers=workers, in_flight=in_flight
-        ):
-            if outcome.crashed:
-                name = picks.picks[outcome.start].name
-                raise CampaignError(f"every worker process that judged pick {name!r} alone died")
-            yield from enumerate(outcome.result, outcome.start)
+    def show(_stage: str, done: int, total: int) -> None:
+        if progress is not None:
+            progress(done, total)
+
+    runner = Runner(executor=executor, workers=workers, in_flight=in_flight, progress=show)
 
     def report() -> PickReport:
+        found: dict[int, PickVerdict] = runner.rows.get("picks", {})
         return PickReport(
             arm.robot.name,
             tuple(found[index] for index in sorted(found)),
@@ -149,16 +144,14 @@ def validate_picks(
             not_judged=len(picks) - len(found),
         )
 
-    # The verdicts as they come, also if the run is interrupted
-    found: dict[int, PickVerdict] = {}
+    # What was judged is reported also if the run is interrupted
     try:
-        with closing(judged()) as verdicts:
-            for index, verdict in verdicts:
-                found[index] = verdict
-                if progress is not None:
-                    progress(len(found), len(picks))
+        with runner:
+            runner.run("picks", partial(_verdicts, setup), picks.picks)
     except KeyboardInterrupt:
-        raise RunInterrupted(f"interrupted after {len(found):,} of {len(picks):,} picks", report()) from None
+        known = report()
+        done = len(picks) - known.not_judged
+        raise RunInterrupted(f"interrupted after {done:,} of {len(picks):,} picks", known) from None
     return report()
 
 

@@ -23,6 +23,7 @@ __all__ = [
     "SE3",
     "FrozenSE3",
     "finite",
+    "floats",
     "frozen",
     "interpolate",
     "inverse_matrix",

@@ -44,6 +44,7 @@ from pinproof.picks.judging.task import (
     torque_limits_of_tool,
 )
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
+from pinproof.picks.judging.two_hands import HandsResult, judge_hands
 from pinproof.picks.judging.verdict import (
     Intercept,
     PickMotion,
@@ -66,7 +67,7 @@ from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_moti
 __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
-    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "Intercept",
+    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "HandsResult", "Intercept",
     "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PairMargin", "PartGrasp", "PartType", "Pick",
     "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",
     "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights",
@@ -74,9 +75,9 @@ __all__ = [
     "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage",
     "StageResult", "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along",
     "approach_directions", "attainable_orientations", "certify_picks_program", "check_held_joints", "checker_of_picks",
-    "code_of", "export_picks", "judge", "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks",
-    "prove_part", "rate_limits", "reach", "reach_map", "read_picks", "recertify_program", "release_lines",
-    "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part",
+    "code_of", "export_picks", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of", "pick_from_belt",
+    "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks", "recertify_program",
+    "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part",
     "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins",
     "write_motion_pages",
 ]  # fmt: skip

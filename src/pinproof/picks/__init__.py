@@ -77,7 +77,7 @@ __all__ = [
     "approach_directions", "attainable_orientations", "certify_picks_program", "check_held_joints", "checker_of_picks",
     "code_of", "export_picks", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of", "pick_from_belt",
     "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks", "recertify_program",
-    "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part",
-    "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins",
+    "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "support_names",
+    "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins",
     "write_motion_pages",
 ]  # fmt: skip

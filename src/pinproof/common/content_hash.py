@@ -33,12 +33,8 @@ def digest(value: object) -> str:
     Functions, and objects with attributes such as a planner of another program, are hashed by their code, and these by
     their attributes too.
 
-    Pickles are not suitable for this purpose, because equal values may have different pickles.
-
-    Raises
-    ------
-    TypeError
-        For any other type.
+    Pickles are not suitable for this purpose, because equal values may have different pickles. TypeError for any other
+    type.
     """
     return digest_many([value])
 

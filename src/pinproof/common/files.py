@@ -117,12 +117,8 @@ def write_bytes_whole(path: str | Path, content: bytes | Iterable[bytes], error:
     """Write ``content``, or the parts that it yields, to ``path`` atomically.
 
     The content is written to a new file in the same folder, which then replaces ``path``. After a crash or on a full
-    disk the previous file is unchanged, and other processes never read an incomplete file.
-
-    Raises
-    ------
-    error
-        If the folder does not exist or cannot be written to.
+    disk the previous file is unchanged, and other processes never read an incomplete file. ``error`` is raised if the
+    folder does not exist or cannot be written to.
     """
     # A new file in the same folder replaces the old one, which is atomic on every file system
     target = Path(path)
@@ -142,19 +138,8 @@ def write_bytes_whole(path: str | Path, content: bytes | Iterable[bytes], error:
 def save_as(path: str | Path, formats: Mapping[str, Callable[[], str | bytes | None]]) -> None:
     """Write a file, completely or not at all, in the format that its suffix names.
 
-    Parameters
-    ----------
-    path
-        The file.
-    formats
-        For each suffix a function that returns the content, or that writes the file and returns None.
-
-    Raises
-    ------
-    InputError
-        For another suffix.
-    FileError
-        If the file cannot be written.
+    ``formats`` has for each suffix a function that returns the content, or that writes the file and returns None.
+    InputError for another suffix, FileError if the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in formats:
@@ -437,10 +422,7 @@ NUMBER_PATTERN = rf"^\s*(?:{_PLAIN}|{_WITH_PI})\s*$"
 def parse_number(value: object) -> float:
     """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
 
-    Raises
-    ------
-    ValueError
-        For anything else; expressions are not evaluated.
+    ValueError for anything else; expressions are not evaluated.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         try:

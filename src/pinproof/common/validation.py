@@ -126,13 +126,7 @@ def freeze_arrays(owner: object, *names: str) -> None:
 
 
 def random_generator(rng: Rng | np.random.SeedSequence) -> np.random.Generator:
-    """Return the generator for a seed; a generator is returned unchanged.
-
-    Raises
-    ------
-    InputError
-        If ``rng`` is neither a seed nor a generator.
-    """
+    """Return the generator for a seed; a generator is returned unchanged. InputError for anything else."""
     if isinstance(rng, np.random.Generator):
         return rng
     if not isinstance(rng, np.random.SeedSequence):

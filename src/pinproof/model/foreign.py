@@ -97,12 +97,8 @@ def urdf_of_model(model: pin.Model, geometry_model: Any = None) -> Urdf:
 
     Its links are the frames of bodies, operational frames and sensors. A joint without a link at its origin, and the
     universe without one, get a link of their own. Inertias are those of the joints, geometry and placements those of
-    the model as it is now.
-
-    Raises
-    ------
-    InputError
-        If a joint is of another kind, or a link has geometry that a URDF cannot represent; the message names it.
+    the model as it is now. InputError if a joint is of another kind, or a link has geometry that a URDF cannot
+    represent; the message names it.
     """
     return _Conversion(model, geometry_model).result()
 
@@ -298,12 +294,7 @@ def _elements(root: Any, robot: Any) -> Iterator[tuple[Any, Any]]:
 def named_description(name: str) -> Any:
     """Import the module of this name of robot_descriptions, which downloads its files at first use.
 
-    Raises
-    ------
-    InputError
-        If robot_descriptions is not installed.
-    UnknownNameError
-        If it has no description of this name.
+    InputError if robot_descriptions is not installed, UnknownNameError if it has no description of this name.
     """
     try:
         known = importlib.import_module("robot_descriptions").DESCRIPTIONS

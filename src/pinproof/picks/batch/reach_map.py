@@ -409,12 +409,8 @@ def slices(
 ) -> bytes:
     """A PNG of ``values`` (N,) over a grid: one panel per slice.
 
-    The slices are perpendicular to the axis with the fewest points.
-
-    Raises
-    ------
-    InputError
-        If the region is not a grid, or extends along fewer than two axes.
+    The slices are perpendicular to the axis with the fewest points. InputError if the region is not a grid, or extends
+    along fewer than two axes.
     """
     if region.axes is None:
         raise InputError(

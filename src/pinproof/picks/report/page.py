@@ -99,14 +99,8 @@ def write_page(
     ``notes`` state what the verdicts do not cover, and ``source`` the origin of the acceleration limits. The default of
     the title is the name of the robot. ``columns`` are further columns of the table, with a value for each row.
 
-    Raises
-    ------
-    InputError
-        If there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing.
-    ViewerError
-        If the robot has nothing to draw, or meshcat's viewer is not installed.
-    FileError
-        If the file cannot be written.
+    InputError if there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing; ViewerError if the robot has
+    nothing to draw, or meshcat's viewer is not installed; FileError if the file cannot be written.
     """
     # What is drawn
     if setup is not None:

@@ -34,6 +34,7 @@ from pinproof.cli.console import (
     written,
 )
 from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
+from pinproof.common.validation import optional_module
 from pinproof.errors import CampaignError, InputError, RunInterrupted
 
 if TYPE_CHECKING:
@@ -204,12 +205,9 @@ class WorkerOptions:
             return
         if self.workers is not None:
             raise InputError("--workers and --dask cannot be combined; remove one of them")
+        distributed = optional_module("distributed", "--dask", "dask")
         try:
-            from distributed import Client
-        except ImportError as error:
-            raise InputError("--dask needs the extra 'dask': pip install 'pinproof[dask]'") from error
-        try:
-            client = Client(self.dask, timeout=CONNECT_SECONDS, set_as_default=False)
+            client = distributed.Client(self.dask, timeout=CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError) as error:
             raise CampaignError(f"no Dask scheduler answers at {self.dask}: {error}") from error
         with client:

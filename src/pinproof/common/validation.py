@@ -1,8 +1,9 @@
-"""Validation of settings and of random seeds."""
+"""Validation of settings, of random seeds and of the installed modules."""
 
 from __future__ import annotations
 
 import functools
+import importlib
 import inspect
 import math
 import operator
@@ -144,6 +145,15 @@ def seed_sequence(rng: Rng) -> np.random.SeedSequence:
             "this Generator has no SeedSequence for independent streams; create it with numpy.random.default_rng"
         )
     return sequence
+
+
+def optional_module(name: str, use: str, extra: str = "") -> Any:
+    """Import a module that not every installation has; InputError states what ``use`` needs, and how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        need = f"the extra {extra!r}: pip install 'pinproof[{extra}]'" if extra else f"{name}: pip install {name}"
+        raise InputError(f"{use} needs {need}") from error
 
 
 class ReadOnlyDict(dict[Key, Value]):

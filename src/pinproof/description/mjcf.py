@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.common.validation import optional_module
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.xml_reader import Element, add_joint, numbers_text, origin_attributes
-from pinproof.errors import InputError, UrdfError
+from pinproof.errors import UrdfError
 from pinproof.spatial import Array
 
 ROOT = "world"
@@ -40,10 +41,7 @@ def read_mjcf(path: Path) -> tuple[Urdf, Srdf]:
     UrdfError if MuJoCo refuses the file, or for unsupported elements; the message states the line. InputError if the
     extra ``mjcf`` is not installed.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InputError(f"{path}: MJCF files are read by MuJoCo: pip install 'pinproof[mjcf]'") from error
+    mujoco = optional_module("mujoco", f"{path} is read by MuJoCo, which", "mjcf")
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = spec.compiler.discardvisual = False  # bodies and geoms keep their numbers

@@ -6,7 +6,6 @@ xacro files are expanded in a separate process, with limits for memory and time.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import os
 import re
@@ -19,8 +18,9 @@ from typing import Any
 from urllib.parse import unquote
 
 from pinproof.common.files import is_file
+from pinproof.common.validation import optional_module
 from pinproof.description.xml_reader import parse_file
-from pinproof.errors import InputError, UnknownNameError, UrdfError
+from pinproof.errors import UnknownNameError, UrdfError
 
 WORKSPACE_DEPTH = 4
 """Search depth for packages below an entry of ROS_PACKAGE_PATH (workspace/src/repository/stack/package)."""
@@ -164,12 +164,7 @@ def expand_xacro(
     InputError if xacro is not installed. UnknownNameError if the file neither declares nor uses one of the arguments.
     UrdfError if the file cannot be expanded; the message contains the reason given by xacro.
     """
-    try:
-        importlib.import_module("xacro")
-    except ImportError as error:
-        raise InputError(
-            f"{path} is a xacro file, which requires the extra 'xacro': pip install 'pinproof[xacro]'"
-        ) from error
+    optional_module("xacro", f"{path} is a xacro file, which", "xacro")
     parse_file(path)  # checks the size, that the XML is well-formed, and that it has no entities
     # expansion in a process of its own, which is ended when it takes too long
     job = {

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.common.validation import optional_module
 from pinproof.description import Urdf, add_joint, mesh_of_file, numbers_text, origin_attributes, stored_mesh, urdf_of
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import joint_axis
@@ -296,10 +297,7 @@ def named_description(name: str) -> Any:
 
     InputError if robot_descriptions is not installed, UnknownNameError if it has no description of this name.
     """
-    try:
-        known = importlib.import_module("robot_descriptions").DESCRIPTIONS
-    except ImportError as error:
-        raise InputError(f"robot {name!r} is one of robot_descriptions: pip install robot_descriptions") from error
+    known = optional_module("robot_descriptions", f"robot {name!r}").DESCRIPTIONS
     if name not in known:
         raise UnknownNameError("robot", name, known, "robot_descriptions")
     return importlib.import_module(f"robot_descriptions.{name}")

@@ -11,7 +11,6 @@ estimated: a joint that moves by d from rest to rest within its limits v and a t
 from __future__ import annotations
 
 import gc
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -23,7 +22,8 @@ from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacedRobot, PlacementRegion
 from pinproof.collision import CollisionChecker, Obstacle
 from pinproof.common.structs import described, key
-from pinproof.errors import InputError, NoClosedForm
+from pinproof.common.validation import optional_module
+from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.motion import Bounds, least_times
@@ -481,10 +481,7 @@ class RefineTask:
 
 def evolution_strategy() -> Any:
     """The module ``cma``; InputError if it is not installed."""
-    try:
-        return importlib.import_module("cma")
-    except ImportError as error:
-        raise InputError("refining a placement needs the extra 'cell': pip install 'pinproof[cell]'") from error
+    return optional_module("cma", "refining a placement", "cell")
 
 
 def _evolve(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +25,7 @@ from pinproof.common.structs import (
     table_of,
     without,
 )
-from pinproof.common.validation import named_arguments, require_positive
+from pinproof.common.validation import named_arguments, optional_module, require_positive
 from pinproof.description import positions, read_elements
 from pinproof.errors import FileError, InputError
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
@@ -84,10 +83,7 @@ def _read(path: str | Path, what: str, suffixes: tuple[str, ...]) -> Numbers:
                 if image.mode not in ("I;16", "I;16B", "I", "F"):
                     raise ValueError(f"it has the mode {image.mode}; depth images have one channel of 16 bits")
                 return np.asarray(image)
-        try:
-            library = import_module({".exr": "OpenEXR", ".pcd": "pypcd4"}[suffix])
-        except ImportError as error:
-            raise InputError(f"{suffix} files need the extra 'sensor': pip install 'pinproof[sensor]'") from error
+        library = optional_module({".exr": "OpenEXR", ".pcd": "pypcd4"}[suffix], f"a {suffix} file", "sensor")
         if suffix == ".exr":  # the channel Z, as renderers name depth, or the only channel
             channels = library.File(str(file), separate_channels=True).channels()
             names = [name for name in channels if name.rpartition(".")[2] == "Z"] or list(channels)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -14,6 +13,7 @@ from pinproof.common import theme
 from pinproof.common.files import csv_text, file_stems
 from pinproof.common.results import Rows, Saved, View, Written, markdown
 from pinproof.common.structs import key, reported, struct
+from pinproof.common.validation import optional_module
 from pinproof.errors import InputError
 from pinproof.model import Arm, guess_note
 from pinproof.motion import MotionProgram, find_dialect
@@ -184,10 +184,7 @@ class PickReport(Saved, Written):
         InputError
             If pandas is not installed.
         """
-        try:
-            pandas = import_module("pandas")
-        except ImportError as error:
-            raise InputError("to_pandas requires pandas: pip install pandas") from error
+        pandas = optional_module("pandas", "to_pandas")
         return pandas.DataFrame(self._cells(), columns=[*CSV_COLUMNS, *self.columns])
 
     def _cells(self) -> list[list[Any]]:

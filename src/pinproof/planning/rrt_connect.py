@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -26,7 +25,6 @@ import numpy.typing as npt
 
 from pinproof._core import RrtSearch
 from pinproof.collision import CollisionChecker, PathConstraint, certify, check_constraints, is_proven_free
-from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.plan_results import PlanProgress, PlanResult, PlanStatus, Progress
@@ -59,9 +57,6 @@ SAMPLES_PER_CALL = 2000
 SEPARATION = 0.05
 
 OTHER_TURNS = "a goal shifted by 2 pi may be reachable: plan to its pose, or call RrtConnect().plan with turns=True"
-
-# Seconds between two calls of the progress callback while the searches run in an executor.
-PROGRESS_INTERVAL = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +115,6 @@ class RrtConnect:
         torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
         progress: Progress | None = None,
-        portfolio: int = 1,
-        executor: Executor | None = None,
     ) -> PlanResult:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n).
 
@@ -151,25 +144,17 @@ class RrtConnect:
             Seed or Generator of the samples.
         progress
             Called many times a second with a :class:`PlanProgress`. If it returns False, the plan ends as CANCELLED.
-        portfolio
-            Number of independent searches with different samples. The result is the shortest of their paths.
-        executor
-            Runs the searches of a portfolio. Without an executor, they run one after the other in this thread. The
-            result does not depend on the executor.
 
         Raises
         ------
         InputError
-            If a shape is wrong, a number is not finite or ``portfolio`` is below 1.
+            If a shape is wrong or a number is not finite.
         """
-        require_integer("portfolio", portfolio, 1)
         constraints = check_constraints(constraints)
         ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
-        if portfolio == 1 and executor is None:
-            return ConnectSearch(self, ends, constraints, rng, progress).run()
-        return _run_portfolio(self, ends, constraints, portfolio, np.random.default_rng(rng), executor, progress)
+        return ConnectSearch(self, ends, constraints, rng, progress).run()
 
 
 class ConnectSearch:
@@ -364,75 +349,3 @@ class ConnectSearch:
             status, message=message, nodes=self._nodes, cut=self._cut, samples=self._core.samples,
             seconds=self._seconds, gap=gap, checker=self._checker, **found,
         )  # fmt: skip
-
-
-def _run_portfolio(
-    settings: RrtConnect,
-    ends: Ends,
-    constraints: tuple[PathConstraint, ...],
-    count: int,
-    rng: np.random.Generator,
-    executor: Executor | None,
-    progress: Progress | None,
-) -> PlanResult:
-    """The shortest path of ``count`` searches; if two are equally short, the path of the earlier search.
-
-    All searches are completed, so that the result does not depend on the number of workers or on their speed.
-    """
-    try:
-        streams = rng.spawn(count)
-    except TypeError as error:
-        raise InputError("this Generator cannot be spawned; create it with numpy.random.default_rng") from error
-    if executor is None:
-        results = []
-        for stream in streams:
-            results.append(ConnectSearch(settings, ends, constraints, stream, progress).run())
-            if results[-1].status in (PlanStatus.CANCELLED, PlanStatus.IMPOSSIBLE):
-                break
-    else:
-        results = _gather(
-            [executor.submit(_search, settings, ends, constraints, stream) for stream in streams], progress
-        )
-    # A path, else the reason for which the search ended, else the failure with the smallest gap.
-    if found := [result for result in results if result.ok]:
-        best = min(found, key=lambda result: result.path.length)
-    elif results[-1].status is PlanStatus.CANCELLED:
-        best = results[-1]
-    elif impossible := [result for result in results if result.status is PlanStatus.IMPOSSIBLE]:
-        best = impossible[0]
-    else:
-        nearest = min(results, key=lambda result: result.gap)
-        message = f"none of {len(results)} searches found a path; the search with the smallest gap: {nearest.message}"
-        best = nearest.changed(message=message)
-    return best.changed(checker=ends.checker)
-
-
-def _search(
-    settings: RrtConnect, ends: Ends, constraints: tuple[PathConstraint, ...], rng: np.random.Generator
-) -> PlanResult:
-    """One search in a worker."""
-    return ConnectSearch(settings, ends, constraints, rng, None).run()
-
-
-def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> list[PlanResult]:
-    """The results of all searches; after a request to stop, those that were complete, and a CANCELLED result.
-
-    A search that is running in a worker cannot be interrupted. It ends within its budgets.
-    """
-    began, waiting = time.monotonic(), set(futures)
-    try:
-        while waiting:
-            _, waiting = wait(waiting, None if progress is None else PROGRESS_INTERVAL, FIRST_COMPLETED)
-            if progress is None or not waiting:
-                continue
-            known = [future.result() for future in futures if future.done()]
-            nodes, samples = sum(result.nodes for result in known), sum(result.samples for result in known)
-            gap, seconds = min((result.gap for result in known), default=np.inf), time.monotonic() - began
-            if progress(PlanProgress(nodes, samples, seconds, gap)) is False:
-                message = f"cancelled with {len(known)} of {len(futures)} searches completed"
-                work = {"nodes": nodes, "samples": samples, "seconds": seconds, "gap": gap}
-                return [*known, PlanResult(PlanStatus.CANCELLED, message=message, **work)]  # type: ignore[arg-type]
-        return [future.result() for future in futures]
-    finally:
-        for future in futures:
-            future.cancel()

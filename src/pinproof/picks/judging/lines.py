@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, certify, proven_millimetres
+from pinproof.collision import Certificate, CollisionChecker, certify, proven_millimetres
 from pinproof.common.steps import step
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, Curve, JointPath, TorqueLimits
@@ -216,22 +216,25 @@ def transit(task: PickTask, attempts: list[Attempt], nodes: int, seeds: list[int
         torques = torque_limits(task, group[0].candidate.member, "transit", task.outside.arm)
         plan = planner.plan(checker, task.cell.home, goals, torque_limits=torques, rng=seeds[0])
         if plan.ok:
-            path, clearance = shortened(plan, checker, seeds[1], torques)
+            path, proof = shortened(task, plan, checker, seeds[1], torques)
             message = f"{path.length:.2f} rad, {len(path)} waypoints"
             figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
+            clearance = np.inf if proof is None else proof.observed
             return Crossing(StageResult(Stage.TRANSIT, True, message, figures), group[plan.goal], path, clearance)
     figures = {"nodes": float(plan.nodes), "goals": float(len(group))}
     return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
 
 
 def shortened(
-    plan: PlanResult, checker: CollisionChecker, seed: int, torques: TorqueLimits | None
-) -> tuple[JointPath, float]:
-    """The shortened path of a successful plan, and its observed clearance (m)."""
-    if len(plan.path) <= STRAIGHT:
-        return plan.path, plan.certificate.observed
-    path = shortcut(plan.path, checker, rng=seed, torque_limits=torques)
-    return path, certify(path, checker).observed
+    task: PickTask, plan: PlanResult, checker: CollisionChecker, seed: int, torques: TorqueLimits | None
+) -> tuple[JointPath, Certificate | None]:
+    """The shortened path of a successful plan, and its certificate; None in a trial, whose motions have no scores."""
+    straight, path = len(plan.path) <= STRAIGHT, plan.path
+    if not straight:
+        path = shortcut(path, checker, rng=seed, torque_limits=torques)
+    if task.cell.trial is not None:
+        return path, None
+    return path, plan.certificate if straight else certify(path, checker)
 
 
 def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pinproof.collision import Certificate
 from pinproof.common.steps import step
 from pinproof.motion import BlendedPath, CubicPath, JointPath, least_times
 from pinproof.picks.input.pick import Member, PlaceTarget
@@ -228,20 +229,22 @@ class Placer:
         if not plan.ok:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path: JointPath | BlendedPath
+        proof: Certificate | None
         if constraints:
             simple = simplify(plan.path, carrying, rng=seeds[1], constraints=constraints, torque_limits=torques)
-            path, clearance = simple.path, simple.certificate.observed
+            path, proof = simple.path, simple.certificate
         else:
-            path, clearance = shortened(plan, carrying, seeds[1], torques)
+            path, proof = shortened(task, plan, carrying, seeds[1], torques)
         # The lines follow at the full rotations at which the transfer ends
         turned = down.turned(shifts[plan.goal])
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""
         message = f"transfer of {path.length:.2f} rad{upright}, {place.approach * 1e3:.0f} mm approach{support}, "
-        figures = {"length": path.length, "clearance": min(down.proven, plan.certificate.clearance)}
+        proven, observed = (np.inf, np.inf) if proof is None else (proof.clearance, proof.observed)
+        figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (
             StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
-            Placing(path, turned.lift, turned.leave, down.parting, min(down.clearance, clearance)),
+            Placing(path, turned.lift, turned.leave, down.parting, min(down.clearance, observed)),
         )
 
 

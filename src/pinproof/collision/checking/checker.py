@@ -588,10 +588,19 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             margins = np.full(len(pairs.checked), spec.margin, dtype=float)
             if spec.margins:
                 numbers, owners = self._owners
-                for name in sorted({name for pair in spec.margins for name in pair}.difference(numbers)):
-                    raise UnknownNameError("body", name, tuple(numbers), "margins")
+                named = sorted({name for pair in spec.margins for name in pair})
+                for name in named:
+                    if name not in numbers:
+                        raise UnknownNameError("body", name, tuple(numbers), "margins")
+                # A table of the named owners, in which all others are the last row and column
+                row = {name: k for k, name in enumerate(named)}
+                table = np.full((len(named) + 1, len(named) + 1), spec.margin, dtype=float)
                 for (one, other), margin in spec.margins.items():
-                    margins[is_pair(owners[pairs.checked], numbers[one], numbers[other])] = margin
+                    table[row[one], row[other]] = table[row[other], row[one]] = margin
+                rows = np.full(len(numbers), len(named))
+                rows[[numbers[name] for name in named]] = np.arange(len(named))
+                first, second = rows[owners][pairs.checked].T
+                margins = table[first, second]
             if spec.obstacle_tolerance:
                 margins[pairs.checked[:, 1] >= len(made.own)] += spec.obstacle_tolerance
             margins.setflags(write=False)

@@ -13,7 +13,7 @@ import pinproof as pp
 from pinproof.model import JointLimits
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks import PickSetup, PickWeights
-from pinproof.picks.judging import grasp, place
+from pinproof.picks.judging import grasp, lines, place
 from pinproof.picks.judging.configurations import at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import INSTANT, GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import GripResult
@@ -287,6 +287,21 @@ def test_releases_at_which_the_empty_hand_is_free_are_tried_first(task, releases
     other = placer.search(attempt, [1, 2], Scores())._tried
     assert len(nearest) == len(other) == 1
     assert other != nearest
+
+
+def test_a_shortened_path_has_its_own_certificate_and_none_in_a_trial(task, attempt) -> None:
+    """The plan has a detour of 0.1 rad, with the certificate of that path."""
+    arm, checker, ends = task.arm, task.outside, [task.cell.home, attempt.entrance]
+    detour = JointPath(np.array([ends[0], np.mean(ends, axis=0) + 0.1, ends[1]]), arm.joint_names)
+    proof = pp.certify(detour, checker)
+    plan = pp.RrtConnect().plan(checker, *ends).changed(path=detour, certificate=proof)
+    path, own = lines.shortened(task, plan, checker, 0, None)
+    assert path.length < detour.length
+    assert own.curve == pp.certify(path, checker).curve != proof.curve
+    trial = PickTask(task.pick, task.cell.for_trials(Stage.GRASP))
+    same, none = lines.shortened(trial, plan, checker, 0, None)
+    assert (same.q == path.q).all()
+    assert none is None
 
 
 # -- attempts at full rotations of their joints, compared with all rotations within the limits -------------------------

@@ -260,7 +260,9 @@ class SetupOptions(ChainOptions):
 
         InputError if both files name the same body, hold a joint at different values, or state a tip.
         """
-        picks = self.picks
+        picks = self.picks.always_mounted
+        if len(picks.tools) > 1 and picks.tool_change != "mounted":
+            raise InputError(f"--tool-of: {self.tool_of} has several tools ({', '.join(picks.tools)}); use --attached")
         tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
         if self.attached is None:
             return tool

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +25,7 @@ from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.model import PART, JointGroup, Payload
-from pinproof.picks import Pick, Picks, PickSetup
+from pinproof.picks import Hand, HandValues, PartType, Pick, Picks, PickSetup, gripper_links
 from pinproof.spatial import Array
 from pinproof.work import Progress
 
@@ -139,6 +141,9 @@ def allocate(
     )
 
 
+HandLike = TypeVar("HandLike", bound=Hand)
+
+
 def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
     """The settings of an arm, with the names of links and joints in the cell and unique names of its tool."""
     own = picks.robots[arm].settings if picks.robots else picks
@@ -156,20 +161,39 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
         return payload if payload.frame is None else replace(payload, frame=full(payload.frame))
 
     # tools of two arms may have the same name, and a link that of another robot
-    fingers = own.fingers
-    if fingers is not None:
-        fingers = replace(fingers, bodies=(named(fingers.bodies[0]), named(fingers.bodies[1])))
+    def in_cell(hand: HandLike) -> HandLike:
+        fingers = hand.fingers
+        if fingers is not None:
+            fingers = replace(fingers, bodies=(named(fingers.bodies[0]), named(fingers.bodies[1])))
+        return replace(
+            hand,
+            tool=tuple(map(named, hand.tool)),
+            fingers=fingers,
+            gripper=tuple(map(full, hand.gripper)),
+            payload=tuple(map(placed, hand.payload)),
+            **joints(hand),
+        )
+
+    def joints(values: Hand | HandValues) -> dict[str, Any]:
+        return {own: {full(name): at for name, at in getattr(values, own).items()} for own in ("held", "grip")}
+
+    def of_part(part: PartType) -> PartType:
+        """The part with the grasps that are for the tools of the arm."""
+        usable = [each for each in part.grasps if (each.tool or part.tool) in (None, *own.tools)]
+        return replace(part, grasps=tuple(replace(each, **joints(each)) for each in usable), **joints(part))
+
+    if len(own.tools) > 1 and own.tool_change != "mounted":
+        raise InputError(
+            f"arm {arm!r} changes the tools {', '.join(own.tools)}, which an allocation does not support; state one "
+            "tool for each arm, or tool_change: mounted"
+        )
     return replace(
-        own,
+        in_cell(own),
         picks=(),
         problems=(),
         robots={},
-        tool=tuple(map(named, own.tool)),
-        fingers=fingers,
-        gripper=tuple(map(full, own.gripper)),
-        held={full(joint): value for joint, value in own.held.items()},
-        grip={full(joint): value for joint, value in own.grip.items()},
-        payload=tuple(map(placed, own.payload)),
+        tools={name: in_cell(tool) for name, tool in own.tools.items()},
+        parts={name: of_part(part) for name, part in own.parts.items()},
         home={full(joint): value for joint, value in own.home.items()},
         frames=picks.frames,
         margin=picks.margin,
@@ -201,9 +225,14 @@ class AllocationRun:
         self.home = group.home
         for name, arm in group.arms.items():
             self.home[group.indices(name)] = self.shared[name].home_configuration(arm.joint_names, arm.home)
-        tools = [replace(body, arm=name) for name, own in self.shared.items() for body in own.open_tool]
-        self.held = {joint: value for own in self.shared.values() for joint, value in own.held.items()}
-        checker = CollisionChecker(group.with_held(self.held), margin=self.picks.margin, attached=tools)
+        hands = {name: own.always_mounted for name, own in self.shared.items()}
+        tools = [replace(body, arm=name) for name, own in hands.items() for body in own.open_tool]
+        self.held = {joint: value for own in hands.values() for joint, value in own.held.items()}
+        links = (gripper_links(group.arms[name], own) for name, own in self.shared.items())
+        margins = {pair: 0.0 for of_arm in links for pair in combinations(of_arm, 2) if self.picks.margin > 0.0}
+        margins |= {(own.between[0], own.between[1]): own.margin for own in self.picks.margins}
+        still = group.with_held(self.held)
+        checker = CollisionChecker(still, margin=self.picks.margin, margins=margins, attached=tools)
         self.apart = ArmsApart(checker)
         at_home = self.apart.carrying((), {}).check(self.home)
         if not at_home.free:
@@ -222,7 +251,7 @@ class AllocationRun:
                 continue
             world_from_tcp = group.root_from_frame(self.home, tcp)
             of_arm = [link for link in group.robot.urdf.links if self.apart.arm_of[link] == name or link in (base, tcp)]
-            for body in self.shared[name].open_tool:
+            for body in self.shared[name].always_mounted.open_tool:
                 tools.append(replace(body, pose=world_from_tcp * body.pose))
                 allowed += [(link, body.name) for link in of_arm]
         scene = Scene(
@@ -244,7 +273,13 @@ class AllocationRun:
         self.tied = {name: {name} for name in names}
         self.costs = {arm: dict.fromkeys(names, np.inf) for arm in self.setups}
         for number, (arm, setup) in enumerate(self.setups.items()):
-            own = [pick for pick in self.picks if pick.arm in (None, arm)]
+            own = list[Pick]()
+            for pick in self.picks:
+                try:
+                    if pick.arm in (None, arm) and setup.shared.grasps_of(pick):
+                        own.append(pick)
+                except InputError as error:  # the arm has no tool for the part
+                    reasons[pick.name].append(f"{arm}: {error}")
             self.progress("picks", number, len(self.setups))
             if not own:
                 continue
@@ -351,7 +386,7 @@ class AllocationRun:
         self.progress("one arm", list(self.setups).index(arm), len(self.setups))
         try:
             result = self._sequence(self.setups[arm], tuple(self.picks), self.order)
-        except NoAnswer as error:
+        except (InputError, NoAnswer) as error:  # the arm may have no tool for some of the parts
             return OneArm(arm, None, str(error))
         if not result.ok:
             missing = result.left_out

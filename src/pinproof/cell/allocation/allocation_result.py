@@ -248,7 +248,7 @@ class AllocationResult(Answer, Saved, Written):
         """For each part when and where it is gripped and released."""
         states = {}
         for name, pieces in self.programs.items():
-            tools = {body.name for body in self.sequences[name].setup.shared.open_tool}
+            tools = {body.name for body in self.sequences[name].setup.shared.always_mounted.open_tool}
             own = self.sequences[name].setup.checker.arm
             carrying: dict[str, list[ArmPiece]] = {}
             for piece in pieces:

@@ -39,7 +39,7 @@ from pinproof.cell.placement.screening import (
     evolution_strategy,
     penalised,
 )
-from pinproof.collision import CollisionChecker, Scene
+from pinproof.collision import Scene
 from pinproof.common.content_hash import code_here, digest
 from pinproof.common.structs import key, struct
 from pinproof.common.validation import require_integer
@@ -55,6 +55,7 @@ from pinproof.picks import (
     PickVerdict,
     PickWeights,
     check_held_joints,
+    checker_of_picks,
 )
 from pinproof.spatial import Array
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
@@ -222,6 +223,7 @@ class _Alternative:
         if choice.arm is not None and set(picks.home) - set(own.joint_names):
             changes["home"] = {}
         shared = replace(picks, **{name: value for name, value in changes.items() if value is not None})
+        shared.check_tools()
         check_held_joints(own, shared)
         # the start of the motions, checked before any placement is screened
         start = choice.home if choice.home is not None else home
@@ -233,7 +235,7 @@ class _Alternative:
         placed = PlacedRobot.make(own, scene, choice.placement_from_root, moves_with_base)
         placed.refuse_picks_on_base(picks.picks, shared)
         middle = (region.lower + region.upper) / 2
-        checker = CollisionChecker(placed.arm_at(middle), placed.scene, margin=shared.margin, attached=shared.open_tool)
+        checker = checker_of_picks(placed.arm_at(middle), placed.scene, shared)
         cell = PickCell(checker, replace(shared, picks=(), problems=()), start)
         table = GraspTable.of(shared, cell)
         if len(table.problems):

@@ -284,7 +284,11 @@ class PlacedRobot:
         return {name: value for name, value in self.original.held.items() if joints[name].mimic is None}
 
     def checker(self, picks: Picks, *, hand_may_touch: Sequence[str] = ()) -> CollisionChecker:
-        """The checker of :attr:`wide_arm`; the open hand may touch the named obstacles."""
+        """The checker of :attr:`wide_arm`; the open hand may touch the named obstacles.
+
+        Of several tools that are changed, only what is always mounted is checked; the certified picks have all of it.
+        """
+        picks = picks.always_mounted
         checker = CollisionChecker(self.wide_arm, self.scene, margin=picks.margin, attached=picks.open_tool)
         urdf = self.robot.urdf
         hand = [*(body.name for body in picks.open_tool), *picks.gripper]
@@ -299,7 +303,7 @@ class PlacedRobot:
         if not zones:
             return None
         scene = Scene([replace(zone, name=f"forbidden zone {zone.name}") for zone in zones])
-        checker = CollisionChecker(self.wide_arm, scene, attached=picks.open_tool)
+        checker = CollisionChecker(self.wide_arm, scene, attached=picks.always_mounted.open_tool)
         # the links that no joint of the arm moves, with the bodies that move with the base
         urdf, moving = self.robot.urdf, (*self.original.joint_names, *self.original.followers)
         base = {link for link in urdf.links if not moved_by(urdf, link, moving)}

@@ -91,17 +91,16 @@ class GraspTable:
         nominal = np.full((len(picks), 4, 4), np.nan)
         for index, pick in enumerate(picks):
             try:
-                task = PickTask(pick, cell)
+                tasks = [PickTask(grasp, cell) for grasp in picks.grasps_of(pick)]
             except ValueError as error:
                 problems[index] = str(error)
                 continue
-            nominal[index] = matrix(task.pick.pose)
+            nominal[index] = matrix(tasks[0].pick.pose)
             # the tcp at all stations of each grasp; a part of the grasps is screened only if the first ones fail
-            members = [member for group in task.groups() for member in group]
-            step = max(1, -(-len(members) // FIRST_GRASPS))
-            tip, place = task.cell.shared.tip.inverse(), task.place
-            for k, member in enumerate(members):
-                grasp = task.grasp(member)
+            grasps = [(task, member) for task in tasks for group in task.groups() for member in group]
+            step = max(1, -(-len(grasps) // FIRST_GRASPS))
+            for k, (task, member) in enumerate(grasps):
+                tip, place, grasp = task.cell.shared.tip.inverse(), task.place, task.grasp(member)
                 poses = [task.pick.before(grasp), grasp, task.pick.after(grasp)]
                 if place is not None:
                     release = task.release(member)

@@ -63,6 +63,8 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
     tuple[Scene, Picks]
         The scene without the parts, and the picks, each with its part attached after the grasp.
     """
+    if typed := next((pick.name for pick in picks if pick.part is not None), None):
+        raise InputError(f"pick {typed!r} names a part type, whose object must be in the scene; state its pose instead")
     parts = {pick.carried for pick in picks if isinstance(pick.carried, str) and pick.carried in scene.names}
 
     def of_part(frame: str) -> bool:
@@ -121,6 +123,8 @@ SAME_PLACE = 6
 class PickOption:
     """One complete choice for a pick."""
 
+    # The pick with its grasp and its tool, and its poses in the root frame.
+    pick: Pick
     # The configuration at the grasp, with approach and retreat.
     attempt: Attempt
     # The configuration at the release with its lines; None without a place.
@@ -155,7 +159,8 @@ class Job:
     """A pick of a sequence with its options."""
 
     pick: Pick = key(
-        "the pick with its poses in the root frame, so that they do not depend on obstacles that are moved"
+        "the pick, with the first of its grasps, and its poses in the root frame, so that they do not depend on "
+        "obstacles that are moved"
     )
     options: tuple[PickOption, ...] = key("the options; empty if the pick fails in the scene without the other parts")
     before: Obstacle | None = key("the part before the pick, as an obstacle; None without one", default=None)
@@ -191,16 +196,16 @@ def part_names(picks: tuple[Pick, ...], scene: Scene) -> dict[str, str]:
     return owner
 
 
-def resolved(pick: Pick, setup: PickSetup) -> Pick:
-    """The pick with the poses of its grasp and of its place in the root frame.
+def resolved(pick: Pick, setup: PickSetup) -> tuple[Pick, ...]:
+    """The pick with each of its grasps, with the poses of the grasp and of its place in the root frame.
 
     InputError if a frame, an object or a support does not exist; the message names the pick.
     """
     try:
-        task = PickTask(pick, setup.cell)
+        tasks = [PickTask(grasp, setup.cell) for grasp in setup.shared.grasps_of(pick)]
     except InputError as error:
         raise InputError(f"pick {pick.name!r}: {error}") from error
-    return replace(task.pick, place=task.place)
+    return tuple(replace(task.pick, place=task.place) for task in tasks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,14 +217,30 @@ class PickOptions:
     fixed: Scene
     # The names of all parts that are moved.
     parts: frozenset[str]
-    # Largest number of options of a pick.
+    # Largest number of options of a pick with one tool.
     most: int
 
-    def __call__(self, start: int, picks: Sequence[Pick]) -> list[Job]:
-        """The jobs of consecutive picks; the index of a pick determines its random stream."""
-        return [self._job(pick, index) for index, pick in enumerate(picks, start)]
+    def __call__(self, start: int, picks: Sequence[tuple[Pick, ...]]) -> list[Job]:
+        """The jobs of consecutive picks, each with its grasps; the index determines the random stream."""
+        return [self._job(grasps, index) for index, grasps in enumerate(picks, start)]
 
-    def _job(self, pick: Pick, index: int) -> Job:
+    def _job(self, grasps: tuple[Pick, ...], index: int) -> Job:
+        """The options of the first grasp that has some for each tool; the order chooses between the tools."""
+        found: dict[str | None, Job] = {}
+        failed: list[Job] = []
+        for pick in grasps:
+            if pick.tool not in found:
+                job = self._of_grasp(pick, index)
+                if job.options:
+                    found[pick.tool] = job
+                else:
+                    failed.append(job)
+        if found:
+            options = tuple(option for job in found.values() for option in job.options)
+            return replace(next(iter(found.values())), pick=grasps[0], options=options)
+        return max(failed, key=lambda job: 0 if job.failed is None else len(job.failed.stages))
+
+    def _of_grasp(self, pick: Pick, index: int) -> Job:
         setup, parts = self.setup, self.parts
         before = setup.checker.scene[pick.carried] if isinstance(pick.carried, str) else None
         # where the other parts are absent, they support nothing
@@ -234,7 +255,7 @@ class PickOptions:
             reached = reach(task, group, seeds[0])
             screened = screen(task, group, reached) if len(reached.q) else None
             if screened is not None:
-                options = _options(task, screened.candidates, seeds[0], bounds, self.most)
+                options = _options(task, pick, screened.candidates, seeds[0], bounds, self.most)
                 if options:
                     return Job(pick, tuple(options), before)
         # without an option, the pick is judged for its reason
@@ -243,7 +264,7 @@ class PickOptions:
 
 
 def _options(
-    task: PickTask, candidates: tuple[GraspCandidate, ...], seed: int, bounds: Bounds, most: int
+    task: PickTask, pick: Pick, candidates: tuple[GraspCandidate, ...], seed: int, bounds: Bounds, most: int
 ) -> list[PickOption]:
     """The options with the shortest lower bounds of their time from home."""
     # the nearest releases of each candidate, by the time from home through both and back
@@ -297,7 +318,7 @@ def _options(
             held = task.holding(member)
             after = replace(held, pose=task.release(member) * task.cell.shared.tip.actInv(held.pose))
         transfer = 0.0 if release is None else float(least_times(release.entrance - attempt.exit, bounds))
-        options.append(PickOption(attempt, release, seconds, transfer, after))
+        options.append(PickOption(pick, attempt, release, seconds, transfer, after))
     return options
 
 

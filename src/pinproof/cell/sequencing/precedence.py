@@ -146,21 +146,24 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
     if not parts:
         return {}
     everything = fixed.add(*parts)
-    open_hand = setup.checker.with_scene(everything)
-    closed_hand = setup.cell.closed_hand.with_scene(everything)
     reasons: dict[Pair, str] = {}
     for i, job in enumerate(jobs):
         blockers: set[str] | None = None
-        hands: dict[str, CollisionChecker] = {}
+        hands: dict[tuple[str | None, str | None, str], tuple[CollisionChecker, CollisionChecker | None]] = {}
         for option in job.options:
-            member = option.attempt.candidate.member
-            if job.places and member.words not in hands:
-                # the part in the closed hand, among all parts before and after
+            member, pick = option.attempt.candidate.member, option.pick
+            key = pick.tool, pick.grasp, member.words
+            if key not in hands:
+                # the open hand, and the part in the closed hand, among all parts before and after
                 alone = setup.checker.with_scene(Scene(() if job.before is None else (job.before,)))
                 cell = PickCell(alone, setup.shared, setup.home, setup.weights, setup.budget)
-                held = PickTask(replace(job.pick, place=None, support=None), cell).holding(member)
-                hands[member.words] = closed_hand.with_attached(replace(held, name=CARRIED))
-            blocked, supports = _contacts(job, option, open_hand, hands.get(member.words))
+                task = PickTask(replace(pick, place=None, support=None), cell)
+                closed = None
+                if job.places:
+                    held = replace(task.holding(member), name=CARRIED)
+                    closed = task.closed(member).closed_hand.with_scene(everything).with_attached(held)
+                hands[key] = task.cell.checker.with_scene(everything), closed
+            blocked, supports = _contacts(option, *hands[key])
             for name in supports:
                 owner_job, placed = owner.get(name, (i, False))
                 if owner_job == i:
@@ -178,10 +181,10 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
 
 
 def _contacts(
-    job: Job, option: PickOption, open_hand: CollisionChecker, carrying: CollisionChecker | None
+    option: PickOption, open_hand: CollisionChecker, carrying: CollisionChecker | None
 ) -> tuple[set[str], set[str]]:
     """The names of what is in contact on the lines of an option, and of what supports the part at either end."""
-    pick, attempt, release = job.pick, option.attempt, option.release
+    pick, attempt, release = option.pick, option.attempt, option.release
     blocked: set[str] = set()
     # with an empty hand: the line in, and the line after the release
     for q in _samples(attempt.approach, attempt.q):

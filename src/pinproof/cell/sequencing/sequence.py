@@ -256,11 +256,13 @@ class _CertifiedTour:
     verdicts: list[PickVerdict]
     scenes: list[Scene]
     places: list[Place]
+    tool_change: float
     closing: PickMotion | None = None
 
     @property
     def seconds(self) -> float:
         moving = sum(motion.trajectory.duration for verdict in self.verdicts for motion in verdict.motions)
+        moving += self.tool_change * sum(verdict.motions[0].name == "return" for verdict in self.verdicts)
         return moving + (0.0 if self.closing is None else self.closing.trajectory.duration)
 
 
@@ -296,13 +298,19 @@ class SequenceRun:
     searched: set[tuple[int, int, str, float]] = field(default_factory=set)
     """Motions that were searched again, with their durations."""
 
+    @property
+    def tool_change(self) -> float | None:
+        """Seconds of a change of the tool; None if tools are not changed."""
+        change = self.setup.shared.tool_change
+        return change if isinstance(change, float) and len(self.setup.shared.tools) > 1 else None
+
     # -- the options --------------------------------------------------------------------------------------------------
 
     def prepare(self) -> None:
         """Find the options of every pick and the complete precedence, and leave out picks that cannot be executed."""
         setup = self.setup
         ready = tuple(resolved(pick, setup) for pick in self.picks)
-        parts = part_names(ready, setup.checker.scene)
+        parts = part_names(tuple(grasps[0] for grasps in ready), setup.checker.scene)
         fixed = setup.checker.scene.remove(*(name for name in parts if name in setup.checker.scene.names))
         # the options of every pick, each in the scene without the other parts
         task = PickOptions(setup, fixed, frozenset(parts), self.budget.options)
@@ -351,6 +359,12 @@ class SequenceRun:
         entrances = np.array([option.entrance for option in options])
         exits = np.array([option.exit for option in options])
         between = np.array([least_times(entrances - q, bounds) for q in exits])
+        if (change := self.tool_change) is not None:
+            # Tools are changed at home
+            tools = np.array([option.pick.tool for option in options])
+            home = self.setup.home
+            through = least_times(exits - home, bounds)[:, None] + change + least_times(entrances - home, bounds)
+            between = np.where(tools[:, None] == tools, between, through)
         first, last = self.ends
         zeros = np.zeros(len(options))
         return TourProblem(
@@ -417,7 +431,7 @@ class SequenceRun:
             return
         previous, option, _ = place
         for motion in step.motions:
-            key = (previous, option) if motion.name == "transit" else (option,)
+            key = (previous, option) if motion.name in ("return", "transit") else (option,)
             self.known.setdefault(key, {})[motion.name] = motion.trajectory
 
     def _with_certified_times(self, problem: TourProblem, certified: _CertifiedTour) -> TourProblem:
@@ -432,8 +446,10 @@ class SequenceRun:
         previous = START
         excess = 0.0
         for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
-            times = [motion.trajectory.duration for motion in verdict.motions if motion.name != "transit"]
-            way = sum(motion.trajectory.duration for motion in verdict.motions if motion.name == "transit")
+            arrive = [motion for motion in verdict.motions if motion.name in ("return", "transit")]
+            times = [motion.trajectory.duration for motion in verdict.motions if motion not in arrive]
+            way = sum(motion.trajectory.duration for motion in arrive)
+            way += certified.tool_change * (arrive[0].name == "return")
             excess += max(sum(times) - inner[option], 0.0) / len(certified.verdicts)
             inner[option] = max(inner[option], sum(times))
             if previous == START:
@@ -494,10 +510,7 @@ class SequenceRun:
                 key = previous, option, motion.name, motion.trajectory.duration
                 if key not in self.searched and LongMotions.of(self.setup, motion):
                     long.setdefault(k, []).append(motion.name)
-        steps = [
-            (certified.scenes[k], self.options[certified.places[k][1]][0], certified.verdicts[k], names)
-            for k, names in long.items()
-        ]
+        steps = [(certified.scenes[k], certified.verdicts[k], names) for k, names in long.items()]
         self.runner.report("shorten", 0, len(steps))
         shorter = self.runner.run("shorten", LongMotions(self.setup), steps, CHUNK)
         for k, verdict in zip(long, shorter, strict=True):
@@ -526,8 +539,11 @@ class SequenceRun:
             job, option = self.options[number]
             q = self.options[before][1].exit if before != START else self.ends[0]
             known = self.known.get((number,), {}) | self.known.get((before, number), {})
+            last = None if before == START else self.options[before][1].pick
+            if last is not None and (self.tool_change is None or last.tool == option.pick.tool):
+                last = None
             step = SequencedPick(
-                scenes[k], option.entrance if q is None else q, job, option, self.jobs.index(job), known
+                scenes[k], option.entrance if q is None else q, option, self.jobs.index(job), last, known
             )
             steps.append(step)
         self.runner.report("motions", 0, len(steps))
@@ -542,7 +558,7 @@ class SequenceRun:
                 if not isinstance(verdict, PickVerdict):
                     break
                 verdicts.append(verdict)
-            made = self.partial = _CertifiedTour(tour, verdicts, scenes, places)
+            made = self.partial = _CertifiedTour(tour, verdicts, scenes, places, self.tool_change or 0.0)
         failures = [
             (failure, earlier, option)
             for place, earlier, option in zip(places, (START, *tour.options), tour.options, strict=False)
@@ -550,7 +566,8 @@ class SequenceRun:
         ]
         if self.ends[1] is not None:
             own = self.known.setdefault((previous, START), {})
-            closing = closing_motion(self.setup, scenes[-1], self.options[previous][1].exit, self.ends[1], own)
+            final = self.options[previous][1]
+            closing = closing_motion(self.setup, scenes[-1], final.exit, self.ends[1], own, final.pick)
             if isinstance(closing, MotionFailure):
                 failures.append((closing, tour.options[-1], START))
             else:
@@ -576,7 +593,7 @@ class SequenceRun:
                         self.precedence = more
                         return replace(problem, precedence=more)
         # a motion of the pick itself, or a transit, cannot be part of a tour
-        drop = {option} if failure.part != "transit" else self._unconnected(previous, option)
+        drop = {option} if failure.part not in ("return", "transit") else self._unconnected(previous, option)
         if drop:
             return _without(problem, "inner", list(drop))
         if previous == START:
@@ -594,7 +611,7 @@ class SequenceRun:
             if isinstance(step, PickVerdict):
                 near.setdefault(a, set()).add(b)
                 near.setdefault(b, set()).add(a)
-            elif step.part == "transit":
+            elif step.part in ("return", "transit"):
                 failed.append((a, b))
         for end in ends:
             queue = [START if end == START else self.numbers[end]]
@@ -620,7 +637,7 @@ class SequenceRun:
                 certified.places, certified.verdicts, certified.scenes, strict=False
             ):
                 pick = self.picks[self.given.names.index(self.options[number][0].pick.name)]
-                steps.append(SequenceStep(pick, verdict, scene, now, bounds, *self.dwell))
+                steps.append(SequenceStep(pick, verdict, scene, now, bounds, *self.dwell, self.tool_change or 0.0))
                 now = steps[-1].end
         return SequenceResult(
             self.setup,

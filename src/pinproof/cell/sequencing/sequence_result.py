@@ -35,8 +35,11 @@ from pinproof.motion import Bounds, MotionProgram, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
 from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, simplified
 
-PHASES = ("transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
-"""The phases of a step in order: motions, and the dwell times grip and release."""
+CHANGE = ("return", "change")
+"""The phases of a change of the tool: the motion to home, and the change there."""
+
+PHASES = (*CHANGE, "transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
+"""The phases of a step in order: motions, the change of the tool, and the dwell times grip and release."""
 
 
 @struct("left_out", written=True)
@@ -52,7 +55,8 @@ class SequencePhase:
     """A motion or a dwell time."""
 
     name: str = key(
-        f"one of {', '.join(f'`{name}`' for name in PHASES)}; `grip` and `release` are dwell times",
+        f"one of {', '.join(f'`{name}`' for name in PHASES)}; `change` of the tool, `grip` and `release` are "
+        "dwell times",
         kind=choice(*PHASES),
     )
     start: float = key("from the start of the sequence", "s", minimum=0)
@@ -84,7 +88,7 @@ STRAIGHT = ("approach", "retreat", "place", "leave")
 
 @struct(
     "sequence_step",
-    first=("name", "start", "duration", "shortest", "limited_by", "member", "q_grasp", "phases"),
+    first=("name", "start", "duration", "shortest", "limited_by", "member", "grasp", "tool", "q_grasp", "phases"),
     written=True,
     eq=False,
 )
@@ -102,6 +106,7 @@ class SequenceStep:
     bounds: Bounds = key("the limits for which the motions are timed", hidden=True)
     grip_dwell: float = key("the rest at the grasp", "s", default=0.0, hidden=True)
     release_dwell: float = key("the rest at the release", "s", default=0.0, hidden=True)
+    tool_change: float = key("the change of the tool at home, if it is changed", "s", default=0.0, hidden=True)
 
     @reported(kind=TEXT)
     def name(self) -> str:
@@ -122,6 +127,8 @@ class SequenceStep:
         released = [k for k, motion in enumerate(motions) if motion.name in ("transfer", "place")]
         for k, motion in enumerate(motions):
             parts = [SequencePhase(motion.name, now, motion.trajectory.duration, motion)]
+            if motion.name == "return":
+                parts.append(SequencePhase("change", 0.0, self.tool_change, None))
             if k == grip_after:
                 parts.append(SequencePhase("grip", 0.0, self.grip_dwell, None))
             if released and k == released[-1]:
@@ -163,6 +170,16 @@ class SequenceStep:
         """How the grasp differs from the nominal one."""
         return self.verdict.member
 
+    @reported(kind=optional(TEXT))
+    def grasp(self) -> str | None:
+        """The grasp of its part; null for a pick with a pose of its own."""
+        return self.verdict.grasp
+
+    @reported(kind=optional(TEXT))
+    def tool(self) -> str | None:
+        """The tool; null if the picks have no tools."""
+        return self.verdict.tool
+
     @reported("rad or m", kind=list_of(PLAIN_NUMBER))
     def q_grasp(self) -> Sequence[float]:
         """Configuration at the grasp."""
@@ -191,9 +208,17 @@ class SequenceStep:
         return limits
 
     def program(self) -> MotionProgram:
-        """The step as a program for a robot controller, with the events grip and release."""
-        arm = self.verdict
-        return arm.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
+        """The step as a program for a robot controller, with the events grip and release.
+
+        Raises
+        ------
+        InputError
+            If the step begins with a change of the tool, which a program does not state.
+        """
+        if self.verdict.motions[0].name == "return":
+            reason = "begins with a change of the tool, which a program does not state; export its motions instead"
+            raise InputError(f"the step of pick {self.name!r} {reason}")
+        return self.verdict.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
 
 
 PRECEDENCE = report_table(
@@ -214,8 +239,8 @@ SLOWEST, SHOWN = 3, 20
 @struct(
     "sequence",
     first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
-           "lower_bound", "gap", "file_order", "nearest_neighbour", "parts_per_minute", "clearance_proven", "by_phase",
-           "closing", "steps", "left_out", "precedence"),
+           "lower_bound", "gap", "file_order", "nearest_neighbour", "tool_changes", "parts_per_minute",
+           "clearance_proven", "by_phase", "closing", "steps", "left_out", "precedence"),
     written=True,
     version="pinproof/sequence/1",
     eq=False,
@@ -233,7 +258,7 @@ class SequenceResult(Answer, Saved, Written):
     precedence: Precedence = key("the pairs of picks in a fixed order, stated or demanded by geometry", hidden=True)
     lower_bound: float = key(
         "lower bound of the time of all motions: no sequence of these picks with the grasps and IK branches considered "
-        "takes less, for motions that rest between their parts",
+        "takes less, for motions that rest between their parts. Changes of the tool are included",
         "s",
         kind=OPTIONAL_NUMBER,
     )
@@ -305,9 +330,14 @@ class SequenceResult(Answer, Saved, Written):
         """Seconds of all dwell times."""
         return sum(phase.duration for step in self.steps for phase in step.phases if phase.name in ("grip", "release"))
 
+    @reported(kind=INTEGER)
+    def tool_changes(self) -> int:
+        """Number of changes of the tool."""
+        return sum(phase.name == "return" for step in self.steps for phase in step.phases)
+
     @reported("s", minimum=0)
     def moving(self) -> float:
-        """All motions."""
+        """All motions, with the changes of the tool."""
         return self.duration - self.dwell
 
     @reported(kind=OPTIONAL_NUMBER)
@@ -339,6 +369,9 @@ class SequenceResult(Answer, Saved, Written):
         left = f"; {len(self.left_out)} left out" if self.left_out else ""
         guess = guess_mark(self.setup.checker.arm.limits.acceleration_source)
         part = "" if self.complete else f" of {self.wanted}, interrupted"
+        if count := self.tool_changes:
+            seconds = sum(self.by_phase.get(name, 0.0) for name in CHANGE)
+            left = f", with {count} change{'' if count == 1 else 's'} of the tool ({seconds:.1f} s){left}"
         return (
             f"{len(self.steps)}{part} picks in {self.duration:.1f} s{guess}, {self.parts_per_minute:.1f} per minute; "
             f"motions {100 * self.gap:.1f} % above the lower bound{left}"
@@ -427,7 +460,7 @@ class SequenceResult(Answer, Saved, Written):
         arm = setup.checker.arm
         stage = simplified(set_stage(arm, setup.checker.scene, setup.shared.open_tool))
         # The film of all motions, with rests at dwell times
-        own = {thing.name for thing in setup.shared.open_tool}
+        own = {thing.name for thing in setup.shared.open_tool}  # tools that are changed are drawn as what is carried
         timed = [(phase.start, phase.motion) for step in self.steps for phase in step.phases]
         end = self.steps[-1].end
         phases = []
@@ -465,7 +498,7 @@ class SequenceResult(Answer, Saved, Written):
             rows=rows,
             left_out=[(pick.name, pick.reason) for pick in self.left_out],
             bars=bars,
-            lanes=PHASES,
+            lanes=[name for name in PHASES if name not in CHANGE or name in self.by_phase],
             acceleration_source=self.acceleration_source,
             heat_map=heat_map,
         )

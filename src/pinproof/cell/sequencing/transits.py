@@ -20,6 +20,7 @@ from pinproof.picks import (
     Attempt,
     Member,
     MotionPart,
+    Pick,
     PickCell,
     PickMotion,
     PickSetup,
@@ -69,11 +70,12 @@ class SequencedPick:
     scene: Scene
     # (n,) the end of the motion before.
     q: Array
-    # The pick, and the choice for it.
-    job: Job
+    # The choice for the pick.
     option: PickOption
     # The index of the pick, for its random stream.
     index: int
+    # The pick before, if the tool is changed after it.
+    other_tool: Pick | None
     # Trajectories that were found before for parts of the motion, by name.
     known: Mapping[str, Trajectory]
 
@@ -91,23 +93,35 @@ class StepMotions:
 
     def certified(self, step: SequencedPick) -> PickVerdict | MotionFailure:
         """The certified motions of a step, or the reason of the failure."""
-        setup, job, option = self.setup, step.job, step.option
-        cell = PickCell(setup.checker.with_scene(step.scene), setup.shared, step.q, setup.weights, setup.budget)
-        task = PickTask(job.pick, cell)
+        setup, option = self.setup, step.option
+        q, before = step.q, list[PickMotion]()
+        if step.other_tool is not None:
+            # The arm brings the tool of the pick before to its home, where the tools are changed
+            back = closing_motion(setup, step.scene, q, setup.home, step.known, step.other_tool, "return")
+            if isinstance(back, MotionFailure):
+                return back
+            q, before = setup.home, [back]
+        cell = PickCell(setup.checker.with_scene(step.scene), setup.shared, q, setup.weights, setup.budget)
+        task = PickTask(option.pick, cell)
         seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
         carrying = task.carrying(option.attempt.candidate.member)
-        attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, job.pick.support))
+        attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, option.pick.support))
         release = option.release
         if release is not None and task.place is not None:
             release = replace(release, parting=task.supports(carrying, release.q, task.place.support))
         try:
-            return _parts(task, attempt, release, seeds, step.known)
+            return _parts(task, attempt, release, seeds, step.known, before)
         except TimingError as error:
             return MotionFailure("timing", str(error))
 
 
 def _parts(
-    task: PickTask, attempt: Attempt, release: Release | None, seeds: list[int], known: Mapping[str, Trajectory]
+    task: PickTask,
+    attempt: Attempt,
+    release: Release | None,
+    seeds: list[int],
+    known: Mapping[str, Trajectory],
+    before: Sequence[PickMotion],
 ) -> PickVerdict | MotionFailure:
     joints, member = task.arm.joint_names, attempt.candidate.member
     # transit and transfer: the known motions if they are proven free in this scene, else new paths
@@ -129,7 +143,7 @@ def _parts(
             transfer = made.transfer
         placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
     # every part is timed and certified; what is in contact first is named where that fails
-    motions: list[PickMotion] = []
+    motions = list(before)
     for part in motion_parts(task, attempt, path, placing, separate=True):
         motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
         if motion is None:
@@ -168,20 +182,27 @@ def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | No
 
 
 def closing_motion(
-    setup: PickSetup, scene: Scene, q: Array, end: Array, known: Mapping[str, Trajectory]
+    setup: PickSetup,
+    scene: Scene,
+    q: Array,
+    end: Array,
+    known: Mapping[str, Trajectory],
+    pick: Pick,
+    name: str = "transit",
 ) -> PickMotion | MotionFailure:
-    """The certified transit from q (n,) to the end (n,) of a sequence."""
-    checker = setup.checker.with_scene(scene)
-    if (again := _again(MotionPart("transit", (), checker), known)) is not None:
+    """The certified motion with the empty hand of a pick from q (n,) to ``end`` (n,)."""
+    cell = setup.cell.for_pick(pick)
+    checker = cell.checker.with_scene(scene)
+    if (again := _again(MotionPart(name, (), checker), known)) is not None:
         return again
-    torques = torque_limits_of_tool(checker.arm, setup.shared)
+    torques = torque_limits_of_tool(checker.arm, cell.shared)
     planner = planner_of(setup.budget.planner).limited_to(setup.budget.nodes)
     rates = [] if torques is None else [torques]
     motion = plan(checker, q, end, planner=planner, rate_limits=rates, blend=False, budget=setup.budget.motion)
     if not motion.ok:
-        return MotionFailure("transit", f"to the end: {motion.message}")
+        return MotionFailure(name, f"to the end: {motion.message}")
     around = checker.attached, checker.scene, checker.arm.held
-    return PickMotion("transit", motion.trajectory, motion.certificate, *around)
+    return PickMotion(name, motion.trajectory, motion.certificate, *around)
 
 
 def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:
@@ -198,9 +219,7 @@ class LongMotions:
     # The cell before the sequence.
     setup: PickSetup
 
-    def __call__(
-        self, _start: int, steps: Sequence[tuple[Scene, Job, PickVerdict, Sequence[str]]]
-    ) -> list[PickVerdict]:
+    def __call__(self, _start: int, steps: Sequence[tuple[Scene, PickVerdict, Sequence[str]]]) -> list[PickVerdict]:
         """The verdict of each step with the named motions, transit or transfer, as short as was found."""
         return [self.shorter(*step) for step in steps]
 
@@ -210,12 +229,11 @@ class LongMotions:
         wanted = motion.name in ("transit", "transfer")
         return wanted and motion.trajectory.duration > RETRIED * _least(motion.trajectory, setup.checker.arm.limits)
 
-    def shorter(self, scene: Scene, job: Job, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
+    def shorter(self, scene: Scene, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
         """The verdict with the shortest motions of these names that were found."""
         setup = self.setup
-        task = PickTask(
-            job.pick, PickCell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
-        )
+        cell = PickCell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
+        task = PickTask(verdict.pick, cell)
         member = next(m for group in task.groups() for m in group if m.words == verdict.member)
         motions = [
             _searched(task, member, motion, _part(task, member, motion.name)) if motion.name in names else motion
@@ -259,7 +277,7 @@ def _least(trajectory: Trajectory, limits: MotionLimits) -> float:
 
 def _with_motions(verdict: PickVerdict, motions: list[PickMotion]) -> PickVerdict:
     """The verdict with these motions, and its times and its stage for them."""
-    grasp = [motion.trajectory for motion in motions if motion.name in ("transit", "approach")]
+    grasp = [motion.trajectory for motion in motions if motion.name in ("return", "transit", "approach")]
     upto = [motion.trajectory for motion in motions if motion.name != "leave"]
     joined = Trajectory.join(*(motion.trajectory for motion in motions))
     clearance = min(motion.certificate.clearance for motion in motions)

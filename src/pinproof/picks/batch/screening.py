@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, auto
 from functools import lru_cache, partial
@@ -525,6 +526,21 @@ class GraspScreening(Screening):
             left = [each for each in left if best.codes[each.index] != FREE and each.groups]
         return best
 
+    def of_parts(self, items: Sequence[Pick | PickProblem]) -> ScreenedPoses:
+        """Screen picks of a file with tools or part types: the best of the grasps of each, each with its own hand."""
+        best = ScreenedPoses.nothing(len(items), self._cell.arm.dof)
+        hands: dict[PickCell, list[tuple[int, Pick]]] = {}
+        for index, item in enumerate(items):
+            with suppress(InputError):
+                for grasp in () if isinstance(item, PickProblem) else self._cell.shared.grasps_of(item):
+                    hands.setdefault(self._cell.for_pick(grasp), []).append((index, grasp))
+        for cell, grasps in hands.items():
+            screened = GraspScreening(cell, **self._settings).picks([grasp for _, grasp in grasps])
+            for row, (index, _) in enumerate(grasps):
+                if screened.codes[row] > best.codes[index]:
+                    best.put(np.array([index]), screened, np.array([row]))
+        return best
+
     def _readable(self, items: Sequence[Pick | PickProblem]) -> Iterator[_Open]:
         for index, item in enumerate(items):
             if isinstance(item, PickProblem):
@@ -624,7 +640,8 @@ def screen_picks(
         if isinstance(source, _Poses):
             return source.names[start:stop], screening.screen(screening.targets(source.poses[start:stop]))
         items = list(source.part(start, stop))
-        return [item.name for item in items], screening.picks(items)
+        several = shared.tools or shared.parts
+        return [item.name for item in items], (screening.of_parts if several else screening.picks)(items)
 
     # All picks in chunks, and figures of those that are free
     parts = in_chunks(share, len(source), threads, progress)
@@ -670,7 +687,7 @@ def _reason(cell: PickCell, source: PickSource, rng: int, index: int) -> str:
     if isinstance(item, PickProblem):
         return item.reason
     try:
-        task = PickTask(item, cell)
+        task = PickTask(cell.shared.grasps_of(item)[0], cell)
     except InputError as error:
         return str(error)
     members = task.nearest_group

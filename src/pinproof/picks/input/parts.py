@@ -179,7 +179,10 @@ def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Too
             raise UnknownNameError("grasp", pick.grasp, named or ("none",), f"the grasps of part {pick.part!r}")
         grasps = (named[pick.grasp],)
     if not grasps:
-        raise InputError(f"part {pick.part!r} states no grasps; add some under its key grasps, or a pose to the pick")
+        of = f" for {', '.join(tools)}" if tools else ""
+        raise InputError(
+            f"part {pick.part!r} states no grasps{of}; add some under its key grasps, or a pose to the pick"
+        )
     # The tool of a pick selects the grasps that are for it
     usable = [own for own in grasps if pick.tool is None or (own.tool or part.tool or pick.tool) == pick.tool]
     if not usable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -295,6 +295,12 @@ class Picks(RobotAndHand, Shown):
             grip_limits=own.grip_limits,
         )
 
+    @property
+    def always_mounted(self) -> Picks:
+        """The settings with the hand that is mounted for all picks: that of the only tool, or of all mounted ones."""
+        one = len(self.tools) == 1 or self.tool_change == MOUNTED
+        return self.with_tool(next(iter(self.tools))) if self.tools and one else self
+
     def for_pick(self, pick: Pick) -> Picks:
         """The settings with the hand of a pick with one grasp, see :meth:`grasps_of`."""
         if self.hand_key(pick) is None:
@@ -311,14 +317,13 @@ class Picks(RobotAndHand, Shown):
         return pick.tool, *(tuple(sorted(stated.items())) for stated in values.values())
 
     def check_tools(self) -> None:
-        """Check that tools and part types fit each other.
+        """Check that the tools fit each other and the settings of the file.
 
         Raises
         ------
         InputError
-            Its message names the key and, where they are from a file, its position.
+            Its message names the key.
         """
-        # The tools
         count, stated = len(self.tools), [own for own in ("fingers", "cup", "grip") if getattr(self, own)]
         if count and (stated or not self.tip.isIdentity()):
             own = {"grip": "held"}.get(stated[0], stated[0]) if stated else "tip"
@@ -338,16 +343,24 @@ class Picks(RobotAndHand, Shown):
         )
         if doubled := [name for name, number in names.items() if number > 1]:
             raise Misread(f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",))
-        # The part types, each with its grasps
+
+    def check_parts(self, tools: Collection[str], *, several: bool) -> None:
+        """Check that the tools of part types are among ``tools``; all are stated if a robot has ``several`` of them.
+
+        Raises
+        ------
+        InputError
+            Its message names the key.
+        """
         for name, part in self.parts.items():
             steps: tuple[str, ...] = (".parts", f".{name}")
             named = {part.tool: steps}
             named |= {grasp.tool: (*steps, ".grasps", f"[{grasp.name!r}]") for grasp in part.grasps}
             for tool, where in named.items():
-                if tool is not None and tool not in self.tools:
-                    raise Misread(str(UnknownNameError("tool", tool, self.tools or ("none",))), (*where, ".tool"))
-            if count > 1 and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
-                reason = f"states no tool for some of its grasps; choose one of {', '.join(self.tools)} for the part"
+                if tool is not None and tool not in tools:
+                    raise Misread(str(UnknownNameError("tool", tool, tools or ("none",))), (*where, ".tool"))
+            if several and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
+                reason = f"states no tool for some of its grasps; choose one of {', '.join(tools)} for the part"
                 raise Misread(reason, steps)
 
     def refuse_conveyor(self, what: str) -> None:
@@ -467,9 +480,12 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
     robots = mapping_to(Kind({}, lambda _, robot: robot, parse), "names to robots")
     where = position(content, "robots")
     shared = replace(shared, robots=step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
-    for each in [robot.settings for robot in shared.robots.values()] or [shared]:
+    every = [robot.settings for robot in shared.robots.values()] or [shared]
+    tools = list(dict.fromkeys(name for each in every for name in each.tools))
+    for each in every:
         try:
             each.check_tools()
+            each.check_parts(tools, several=len(each.tools) > 1)
         except Misread as error:
             raise Misread(error.reason, error.steps, _position(content, error.steps)) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):

@@ -192,11 +192,15 @@ class PickSetup:
             own = ", ".join(arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         require_positive("deviation", deviation, zero=True)
-        # The grasp of the family with which the program was made
-        task = PickTask(pick, self.cell)
-        member = next((each for group in task.groups() for each in group if each.words == program.member), None)
-        if member is None:
+        # The grasp with which the program was made; of several of a part, the one at whose pose the hand closes
+        closed = next((event.time for event in program.events if event.kind == "grip"), program.segments[-1].end)
+        at = arm.forward_kinematics(min(program.segments, key=lambda part: abs(part.end - closed)).trajectory.end)
+        tasks = [PickTask(grasp, self.cell) for grasp in self.shared.grasps_of(pick)]
+        families = ((task, each) for task in tasks for group in task.groups() for each in group)
+        made = [(task, member) for task, member in families if member.words == program.member]
+        if not made:
             raise InputError(f"pick {pick.name!r} has no grasp {program.member!r}, with which the program was made")
+        task, member = min(made, key=lambda found: sum(twist_size(found[0].target(found[0].grasp(found[1])), at)))
         # What is wrong at the events, by the key of the certificate of the motion that ends there: the tip is not where
         # the pick grasps or puts down, the hand does not hold the part there, or the events are not those of the pick
         faults: dict[str, str] = {}
@@ -266,22 +270,25 @@ class PickSetup:
         checker = self.checker
         urdf = checker.arm.robot.urdf
         notes = []
+        hands = [self.shared.with_tool(name) for name in self.shared.tools] or [self.shared]
         # How picks are held
         if False in with_object:
             notes.append("picks without `object:` are judged with an empty gripper after the grasp")
-        if True in with_object and self.cell.fingers:
-            notes.append(
-                "gripping force and slip of the part; only contact of the fingers on opposite sides of it is checked"
-            )
-        elif True in with_object and self.shared.cup is not None:
-            notes.append(
-                "the holding force of the suction cup; only that its rim lies on the surface of the part is checked"
-            )
-        elif True in with_object:
-            notes.append(
-                "the holding force of a tool without fingers; only a distance of at most "
-                f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
-            )
+        for hand in hands if True in with_object else ():
+            if hand.fingers is not None or hand.grip:
+                notes.append(
+                    "gripping force and slip of the part; only contact of the fingers on opposite sides of it is "
+                    "checked"
+                )
+            elif hand.cup is not None:
+                notes.append(
+                    "the holding force of the suction cup; only that its rim lies on the surface of the part is checked"
+                )
+            else:
+                notes.append(
+                    "the holding force of a tool without fingers; only a distance of at most "
+                    f"{hand.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
+                )
         # What has other margins
         links = [link for link in gripper_links(checker.arm, self.shared) if link in checker.obstacles_and_links]
         if checker.margin > 0.0 and links:
@@ -289,8 +296,7 @@ class PickSetup:
                 f"the margin between two links of the gripper ({', '.join(links)}), which are checked for contact only"
             )
         # What limits of torque leave out
-        torques = torque_limits_of_tool(checker.arm, self.shared)
-        if torques is not None:
+        for torques in filter(None, (torque_limits_of_tool(checker.arm, hand) for hand in hands)):
             notes.append("joint friction and the inertia of motors, which add to the torques")
             notes += torques.notes
         # What the geometry of the robot and of the scene leaves out
@@ -307,7 +313,7 @@ class PickSetup:
                 notes.append(f"what {thing.name} does not show: {thing.shape.remark}")
         if checker.hollow_meshes:
             notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow_meshes)}")
-        return tuple(notes)
+        return tuple(dict.fromkeys(notes))
 
     def identity(self) -> dict[str, Any]:
         """The parts that identify this setup, as plain values for JSON; large parts as hashes."""

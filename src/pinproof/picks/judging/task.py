@@ -557,7 +557,8 @@ class PickTask:
         ahead = max((-contact.gap for contact in grip.contacts), default=0.0)
         if not grip.held:
             where = f"{self.name} is not in the middle of the hand: {stop.first} touches it {ahead * 1e3:.2f} mm before"
-            return f"{where} {stop.second}; " if ahead > TOUCH and stop.second else ""
+            apart = all(contact.open_distance > 0.0 for contact in grip.contacts)
+            return f"{where} {stop.second}; " if ahead > TOUCH and stop.second and apart else ""
         closed = self.cell.closed_at(stop.share).shared
         stops = [f"{name} = {value:.4g}" for name, value in closed.grip.items()]
         stops += [] if closed.fingers is None else [f"{(closed.fingers.grip or 0.0) * 1e3:.2f} mm"]

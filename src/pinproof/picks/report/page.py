@@ -242,8 +242,9 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
     motions = verdict.motions
     if not verdict.ok or not motions:
         return False
-    first, own = motions[0], {thing.name for thing in picks.open_tool}
-    if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool, movers=first.movers):
+    hand = picks.for_pick(verdict.pick)
+    first, own, holding = motions[0], {thing.name for thing in hand.open_tool}, arm.with_held(hand.held)
+    if not first.certificate.matches(first.trajectory, holding, scene, hand.open_tool, movers=first.movers):
         return False
     carried = {thing.name for motion in motions for thing in motion.attached} - own
     around = without(scene, carried)
@@ -444,7 +445,8 @@ def _animated(
     for values, _ in rows:
         root_from_tip = None
         if values.get("q_grasp") is not None:
-            root_from_tip = arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * picks.tip
+            tip = picks.with_tool(values.get("tool")).tip
+            root_from_tip = arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * tip
         elif "xyz" in values and "rpy" in values:
             with suppress(InputError):  # the reason in the row names the unknown frame
                 root = root_from_frame(values.get("frame", ""), picks.frames, scene, arm)

@@ -39,6 +39,7 @@ from pinproof.motion import (
     time_parametrise,
 )
 from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import MOUNTED
 from pinproof.picks.judging.setup import PickSetup
 
 
@@ -112,6 +113,12 @@ def export_picks(
                 f"the program of pick {pick.name!r} does not start where the one before it ends (pick "
                 f"{before.name!r}); export them one by one, or plan the motions between them"
             )
+    tools = {grasp.tool for pick, _ in picks for grasp in setup.shared.grasps_of(pick)}
+    if len(picks) > 1 and len(tools) > 1 and setup.shared.tool_change != MOUNTED:
+        raise InputError(
+            f"the picks use the tools {', '.join(sorted(map(str, tools)))}, but a program does not change the tool; "
+            "export the picks of each tool"
+        )
     deviation = find_dialect(dialect).deviation if deviation is None else deviation
     # Moves along the motions of each pick, with the outputs and waiting times between them
     counts, steps = list[list[int]](), list[Step]()

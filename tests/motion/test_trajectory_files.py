@@ -222,6 +222,7 @@ def test_bad_json_is_refused_with_file_and_place(tmp_path, change, message):
         (0, "# pinproof: ", "# ", "line 1: must start"),
         (0, "cubic Hermite", "linear", "line 1: interpolant"),
         (0, '"}', '"', "line 1: .*JSON"),
+        (0, '"version": 1', '"version": 1, "version": 1', "line 1: .*'version' twice"),
         (1, "position a", "a", "line 2: columns"),
         (1, "velocity a", "velocity c", "line 2: columns"),
         (1, "time_from_start,position a,position b,velocity a,velocity b", "time_from_start", "line 2: columns"),

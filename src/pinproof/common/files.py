@@ -156,6 +156,24 @@ def json_text(value: Any, indent: int = 1) -> str:
     return json.dumps(value, indent=indent, allow_nan=False) + "\n"
 
 
+def parse_json(text: str) -> Any:
+    """Parse JSON; ValueError also if it holds NaN or infinity, or a key twice, of which Python would keep the last."""
+
+    def not_finite(token: str) -> None:
+        raise ValueError(f"it holds {token}; all numbers must be finite")
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if len(set(keys)) < len(keys):
+            raise ValueError(f"it gives the key {next(key for key in keys if keys.count(key) > 1)!r} twice")
+        return dict(pairs)
+
+    try:
+        return json.loads(text, parse_constant=not_finite, object_pairs_hook=once)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"invalid JSON: {error}") from error
+
+
 def csv_text(columns: Sequence[str], rows: Iterable[Iterable[object]], *, comment: str = "") -> str:
     """A table as CSV below an optional line of comment."""
     out = io.StringIO()

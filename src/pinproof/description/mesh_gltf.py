@@ -14,7 +14,7 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.files import read_bytes
+from pinproof.common.files import parse_json, read_bytes
 from pinproof.description.mesh_reading import (
     DEEPEST_NODE,
     MOST_NODES,
@@ -128,16 +128,7 @@ def _document(data: bytes) -> tuple[dict[str, Any], bytes | None]:
         data = chunks[0][1]
         binary = next((content for kind, content in chunks[1:] if kind == b"BIN\0"), None)
 
-    # JSON without NaN and without repeated keys, of which Python would keep the last one
-    def constant(name: str) -> None:
-        raise ValueError(f"{name} is not valid JSON")
-
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len(dict(pairs)) != len(pairs):
-            raise ValueError(f"duplicate keys among {', '.join(key for key, _ in pairs)}")
-        return dict(pairs)
-
-    document = json.loads(data.decode("utf-8"), parse_constant=constant, object_pairs_hook=once)
+    document = parse_json(data.decode("utf-8"))
     if not isinstance(document, dict) or not str(document["asset"]["version"]).startswith("2."):
         raise ValueError("it is not glTF 2.0")
     return document, binary

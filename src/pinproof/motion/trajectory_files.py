@@ -25,6 +25,7 @@ from pinproof.common.files import (
     YAML_SUFFIXES,
     csv_text,
     other_separator,
+    parse_json,
     read_text,
     read_yaml,
     unknown_suffix,
@@ -307,10 +308,6 @@ class Reader:
         """Raise a TrajectoryError."""
         raise TrajectoryError(self.path, reason, place)
 
-    def not_finite(self, token: str) -> NoReturn:
-        """Refuse the JSON tokens NaN and Infinity."""
-        self.fail(f"holds {token}; all numbers must be finite")
-
     def known_keys(self, data: dict[str, Any], table: Table, place: str) -> None:
         """Check that all required keys and no unknown keys exist."""
         if missing := [key for key in table.required if key not in data]:
@@ -318,19 +315,12 @@ class Reader:
         if unknown := sorted(str(key) for key in data if key not in table.names):
             self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}", place)
 
-    def json(self, text: str) -> Any:
+    def json(self, text: str, place: str = "") -> Any:
         """Parse JSON; numbers that are not finite and duplicate keys are refused."""
-
-        def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-            keys = [key for key, _ in pairs]
-            if twice := next((key for key in keys if keys.count(key) > 1), None):  # JSON would keep the last
-                self.fail(f"gives the key {twice!r} twice")
-            return dict(pairs)
-
         try:
-            return json.loads(text, parse_constant=self.not_finite, object_pairs_hook=object_of)
-        except (ValueError, RecursionError) as error:
-            self.fail(f"is not valid JSON: {error}")
+            return parse_json(text)
+        except ValueError as error:
+            self.fail(str(error), place)
 
     def numbers(self, values: Any, count: int, place: str) -> list[float]:
         """Check a list of ``count`` finite numbers."""
@@ -480,10 +470,7 @@ def from_csv(reader: Reader, text: str) -> Record:
     first, _, body = text.partition("\n")
     if not first.startswith(_MARK):
         reader.fail(f"must start with '{_MARK}{{...}}', which names the interpolant", "line 1")
-    try:
-        meta = json.loads(first[len(_MARK) :], parse_constant=reader.not_finite)
-    except (ValueError, RecursionError) as error:
-        reader.fail(f"is not valid JSON: {error}", "line 1")
+    meta = reader.json(first[len(_MARK) :], "line 1")
     rows = csv.reader(io.StringIO(body, newline=""), strict=True)
     points = []
     try:

@@ -844,6 +844,57 @@ class MotionBounds:
 
 GROWTH_RANGE: float = 0.05
 
+class GripContact:
+    def __init__(
+        self,
+        points: NDArray[numpy.float64],
+        distributions: NDArray[numpy.float64],
+        normal: NDArray[numpy.float64],
+        force: float,
+        friction: float,
+        pulls: bool,
+    ) -> None: ...
+    @property
+    def points(self) -> list[float]: ...
+    @property
+    def distributions(self) -> list[float]: ...
+    @property
+    def normal(self) -> NDArray[numpy.float64]: ...
+    @property
+    def force(self) -> float: ...
+    @property
+    def friction(self) -> float: ...
+    @property
+    def pulls(self) -> bool: ...
+    def __reduce__(self) -> tuple[Any, ...]: ...
+
+class Grip:
+    def __init__(self, contacts: Sequence[GripContact]) -> None: ...
+    @property
+    def complete(self) -> bool: ...
+    def shares(self, wrenches: NDArray[numpy.float64]) -> NDArray[numpy.float64]: ...
+    def sections(
+        self,
+        model: DynamicTree,
+        q: NDArray[numpy.float64],
+        slope: NDArray[numpy.float64],
+        curvature: NDArray[numpy.float64],
+    ) -> tuple[Any, ...]: ...
+    def stretch(
+        self,
+        model: DynamicTree,
+        position: NDArray[numpy.float64],
+        velocity: NDArray[numpy.float64],
+        acceleration: NDArray[numpy.float64],
+    ) -> NDArray[numpy.float64]: ...
+    def peak(
+        self,
+        model: DynamicTree,
+        position: NDArray[numpy.float64],
+        velocity: NDArray[numpy.float64],
+        acceleration: NDArray[numpy.float64],
+    ) -> tuple[Any, ...]: ...
+
 class RateLimits:
     def __init__(
         self, velocity: NDArray[numpy.float64], acceleration: NDArray[numpy.float64], jerk: NDArray[numpy.float64]
@@ -915,6 +966,9 @@ class DynamicTree:
         self, q: NDArray[numpy.float64], v: NDArray[numpy.float64], a: NDArray[numpy.float64]
     ) -> tuple[Any, ...]: ...
     def tool_motion(
+        self, q: NDArray[numpy.float64], v: NDArray[numpy.float64], a: NDArray[numpy.float64]
+    ) -> NDArray[numpy.float64]: ...
+    def loads(
         self, q: NDArray[numpy.float64], v: NDArray[numpy.float64], a: NDArray[numpy.float64]
     ) -> NDArray[numpy.float64]: ...
     def torque_stretch(

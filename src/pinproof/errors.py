@@ -15,6 +15,7 @@
     │   └── TrajectoryError              trajectory file
     ├── ConversionError                  converted robot that differs from its source
     ├── TimingError                      path that cannot be timed within the limits
+    │   └── SlipError                    path on which a carried part slips in the hand at rest
     ├── CampaignError                    campaign that cannot continue: folder of another campaign, workers do not start
     ├── ViewerError                      page or live view that cannot be created
     ├── CoreError (also an ImportError)  compiled core that is missing or older than its sources
@@ -52,6 +53,7 @@ __all__ = [
     "PlanFailed",
     "RunInterrupted",
     "SceneError",
+    "SlipError",
     "TimingError",
     "TrajectoryError",
     "UnitWarning",
@@ -178,6 +180,10 @@ class ConversionError(PinproofError):
 
 class TimingError(PinproofError):
     """A path that cannot be timed within the limits."""
+
+
+class SlipError(TimingError):
+    """A path on which gravity alone exceeds what the grip on a carried part transmits."""
 
 
 class CampaignError(PinproofError):

@@ -3,6 +3,7 @@
 
 #include "bindings/structs.h"
 #include "dynamics/curve_bounds.h"
+#include "dynamics/grip.h"
 #include "dynamics/inverse_dynamics.h"
 #include "timing/path_speed.h"
 #include "timing/time_path.h"
@@ -205,9 +206,117 @@ nb::tuple peaks(const DynamicTree& model, const Stack& position, const Stack& ve
                           column<double>(found, &Peak::fraction));
 }
 
+// The load of the body of the tool joint at the rows of q, v and a: `record(row, of motion, of gravity)`.
+template <class Record>
+void each_load(const DynamicTree& model, const Matrix& q, const Matrix& v, const Matrix& a, Record record) {
+    drive_rows(model, q, v, a, [&](std::size_t row, InverseDynamics<double>& dynamics) {
+        const auto load = dynamics.load_of_tool();
+        const auto wrench = [](const Vector3<double>& force, const Vector3<double>& moment) {
+            return Wrench{force.x, force.y, force.z, moment.x, moment.y, moment.z};
+        };
+        record(row, wrench(load.force, load.moment), wrench(load.weight, load.weight_moment));
+    });
+}
+
+NewArray loads(const DynamicTree& model, const Matrix& q, const Matrix& v, const Matrix& a) {
+    return filled<double>({q.shape(0), 2, 6}, [&](double* out) {
+        each_load(model, q, v, a, [&](std::size_t, const Wrench& of_motion, const Wrench& of_gravity) {
+            out = std::ranges::copy(of_gravity, std::ranges::copy(of_motion, out).out).out;
+        });
+    });
+}
+
+void check_contact(const GripContact& contact) {
+    positive("force", contact.force);
+    positive("friction", contact.friction);
+    const std::size_t points = contact.points.size() / 3;
+    if (points == 0 || contact.points.size() % 3 != 0) refuse("points needs three numbers for each point");
+    if (contact.distributions.empty() || contact.distributions.size() % points != 0)
+        refuse("distributions needs a number for each point");
+    if (!(std::abs(norm(contact.normal) - 1.0) < 1e-9)) refuse("normal is not a unit vector");
+    for (double share : contact.distributions)
+        if (!(finite("distributions", share) >= 0.0)) refuse("distributions must not be negative");
+    for (double x : contact.points) finite("points", x);
+}
+
+nb::tuple sections(const Grip& grip, const DynamicTree& model, const Matrix& q, const Matrix& slope,
+                   const Matrix& curvature) {
+    const std::size_t rows = q.shape(0);
+    const Doubles zeros(q.size());
+    std::vector<std::array<Wrench, 3>> wrenches(rows);  // of s'', of s'^2 and of gravity
+    each_load(model, q, Matrix(zeros.data(), {rows, model.tree.dof}), slope,
+              [&](std::size_t row, const Wrench& of_motion, const Wrench& of_gravity) {
+                  wrenches[row][0] = grip.local(of_motion), wrenches[row][2] = grip.local(of_gravity);
+              });
+    each_load(model, q, slope, curvature, [&](std::size_t row, const Wrench& of_motion, const Wrench&) {
+        wrenches[row][1] = grip.local(of_motion);
+    });
+    double *along = nullptr, *across = nullptr, *at_rest = nullptr;
+    const auto arrays = nb::make_tuple(filled({rows, kChords}, along), filled({rows, kChords}, across),
+                                       filled({rows}, at_rest));
+    nb::gil_scoped_release release;
+    ShareOfGrip share(grip);
+    for (const auto& [alpha, beta, gamma] : wrenches) {
+        const Section section = section_of(grip, share, alpha, beta, gamma);
+        for (const auto& [x, y] : section.rows) *along++ = x, *across++ = y;
+        *at_rest++ = section.at_rest;
+    }
+    return arrays;
+}
+
+void bind_grip(nb::module_& module) {
+    bind_struct<GripContact>(module, "GripContact",
+                             "Points (3 K) pressed along a normal (3,), and distributions (D K) of the normal force over "
+                             "them.",
+                             check_contact, MEMBERS(GripContact, points, distributions, normal, force, friction, pulls));
+    nb::class_<Grip>(module, "Grip", "The wrenches that contacts transmit to a part, in the frame of the tool joint.")
+        .def(nb::new_([](const std::vector<GripContact>& contacts) {
+                 if (contacts.empty()) refuse("a grip needs a contact");
+                 return new Grip(contacts);
+             }), "contacts"_a)
+        .def_prop_ro("complete", &Grip::complete,
+                     "Whether it transmits some force and moment in every direction.")
+        .def("shares", [](const Grip& grip, const Matrix& wrenches) {
+                const auto rows = finite("wrenches", wrenches, {kAny, 6});
+                return filled<double>({wrenches.shape(0)}, [&](double* out) {
+                    ShareOfGrip share(grip);
+                    for (std::size_t row = 0; row < wrenches.shape(0); ++row) {
+                        Wrench wrench;
+                        std::ranges::copy(rows.subspan(6 * row, 6), wrench.begin());
+                        *out++ = share(grip.local(wrench));
+                    }
+                });
+            }, "wrenches"_a,
+             "(N,) upper bounds of the shares of what the grip transmits that the forces and moments (N, 6) need.")
+        .def("sections", &sections, "model"_a, "q"_a, "slope"_a, "curvature"_a,
+             "(alpha, beta, at rest): rows (N, m) with alpha s'' + beta s'^2 <= 1 on a path, and the shares (N,) of "
+             "gravity.")
+        .def("stretch", [](const Grip& grip, const DynamicTree& model, const Stack& position, const Stack& velocity,
+                           const Stack& acceleration) {
+                const TimedCurve curve = read_curve(model, position, velocity, acceleration);
+                return filled<double>({curve.pieces}, [&](double* out) {
+                    nb::gil_scoped_release release;
+                    grip_stretch(model, curve, grip, std::span(out, curve.pieces));
+                });
+            }, "model"_a, "position"_a, "velocity"_a, "acceleration"_a,
+             "(k,) the factors by which the pieces of a curve must be slowed down so that the grip transmits the load.")
+        .def("peak", [](const Grip& grip, const DynamicTree& model, const Stack& position, const Stack& velocity,
+                        const Stack& acceleration) {
+                const TimedCurve curve = read_curve(model, position, velocity, acceleration);
+                Peak peak;
+                {
+                    nb::gil_scoped_release release;
+                    peak = grip_peak(model, curve, grip);
+                }
+                return nb::make_tuple(peak.bound, peak.piece, peak.fraction);
+            }, "model"_a, "position"_a, "velocity"_a, "acceleration"_a,
+             "A bound of the largest share over a curve, and the piece and the fraction of it where it occurs.");
+}
+
 }  // namespace
 
 void bind_timing(nb::module_& module) {
+    bind_grip(module);
     bind_timing_of_paths(module);
     bind_struct<RigidBody>(module, "RigidBody",
                            "Mass, mass times centre (3,) and inertia about the origin (3, 3) in the frame of a joint.",
@@ -221,6 +330,9 @@ void bind_timing(nb::module_& module) {
         .def("tool_motion", &tool_motion, "q"_a, "v"_a, "a"_a,
              "(N, 4, 3) linear and angular velocity, linear and angular acceleration of the tool, in the axes of its "
              "joint.")
+        .def("loads", &loads, "q"_a, "v"_a, "a"_a,
+             "(N, 2, 6) force and moment about the origin of the tool joint, in its axes, that its own body needs for its "
+             "motion and against gravity.")
         .def("torque_stretch", &torque_stretch_of, "position"_a, "velocity"_a, "acceleration"_a, "limits"_a,
              "(k,) the factors by which the pieces of a curve, given by the control points (k, p, n) of its "
              "derivatives, must be slowed down to keep the limits (n,); inf where gravity alone exceeds them.")

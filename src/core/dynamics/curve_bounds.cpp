@@ -144,9 +144,38 @@ std::array<Range, 4> tool_ranges(AlongCurve& along, const Part& part) {
             length(tool.angular_acceleration)};
 }
 
+// The load on a grip, in the coordinates of the grip: the coefficients of its parts from the motion and from gravity, and
+// the shares of their radii.
+struct LoadOnPart {
+    std::array<Wrench, kDegree + 1> of_motion, of_gravity;
+    double motion_error, gravity_error;
+};
+
+LoadOnPart load_on(const Grip& grip, AlongCurve& along, const Part& part) {
+    LoadOnPart found;
+    const auto load = along.drive(part).load_of_tool();
+    const auto read = [&](const Vector3<TaylorModel>& force, const Vector3<TaylorModel>& moment, auto& coefficients,
+                          double& error) {
+        const std::array models{&force.x, &force.y, &force.z, &moment.x, &moment.y, &moment.z};
+        std::array<Wrench, kDegree + 1> wrenches;
+        Wrench radii;
+        for (std::size_t k = 0; k < 6; ++k) {
+            const Bernstein own = bernstein_of(*models[k]);
+            for (std::size_t i = 0; i <= kDegree; ++i) wrenches[i][k] = own[i];
+            radii[k] = models[k]->radius;
+        }
+        for (std::size_t i = 0; i <= kDegree; ++i) coefficients[i] = grip.local(wrenches[i]);
+        error = grip.share_of_error(grip.local_error(radii));
+    };
+    read(load.force, load.moment, found.of_motion, found.motion_error);
+    read(load.weight, load.weight_moment, found.of_gravity, found.gravity_error);
+    return found;
+}
+
 // The bound on one piece of a quantity that `range_of(part)` encloses, refined down to `enough`.
 template <class RangeOf>
-double bound_on_piece(const TimedCurve& curve, std::size_t piece, double enough, RangeOf range_of) {
+double bound_on_piece(const TimedCurve& curve, std::size_t piece, double enough, RangeOf range_of,
+                      double slack = kSlack) {
     std::vector<Part> waiting{whole(curve, piece)};
     double bound = 0.0, seen = 0.0;
     for (std::size_t parts = 0; !waiting.empty(); ++parts) {
@@ -155,7 +184,7 @@ double bound_on_piece(const TimedCurve& curve, std::size_t piece, double enough,
         const Range range = range_of(part);
         seen = std::max(seen, range.attained());
         if (seen == kInfinity) return kInfinity;
-        if (range.upper <= std::max(enough, seen * (1.0 + kSlack)) || parts >= kMaxParts) {
+        if (range.upper <= std::max(enough, seen * (1.0 + slack)) || parts >= kMaxParts) {
             bound = std::max(bound, range.upper);
         } else {
             Part right;
@@ -169,7 +198,8 @@ double bound_on_piece(const TimedCurve& curve, std::size_t piece, double enough,
 
 // The peaks over the curve of the quantities that `ranges_of(part, ranges)` encloses.
 template <class RangesOf>
-std::vector<Peak> peaks_of(const TimedCurve& curve, std::size_t quantities, RangesOf ranges_of) {
+std::vector<Peak> peaks_of(const TimedCurve& curve, std::size_t quantities, RangesOf ranges_of,
+                           double slack = kSlack) {
     std::vector<Peak> peaks(quantities);
     std::vector<Range> ranges(quantities);
     const auto evaluate = [&](const Part& part, std::size_t piece) {
@@ -195,7 +225,7 @@ std::vector<Peak> peaks_of(const TimedCurve& curve, std::size_t quantities, Rang
             evaluate(part, piece);
             bool refine = false;
             for (std::size_t i = 0; i < quantities; ++i)
-                refine = refine || ranges[i].upper > std::max(peaks[i].attained * (1.0 + kSlack), kNegligible * most);
+                refine = refine || ranges[i].upper > std::max(peaks[i].attained * (1.0 + slack), kNegligible * most);
             if (refine && parts < kMaxParts) {
                 Part right;
                 bisect(curve, part, right);
@@ -253,6 +283,48 @@ std::vector<Peak> tool_peaks(const DynamicTree& model, const TimedCurve& curve) 
         const std::array<Range, 4> rates = tool_ranges(along, part);
         std::copy(rates.begin(), rates.end(), ranges.begin());
     });
+}
+
+void grip_stretch(const DynamicTree& model, const TimedCurve& curve, const Grip& grip, std::span<double> stretch) {
+    AlongCurve along(model, curve);
+    ShareOfGrip share(grip);
+    const auto square = [&](const LoadOnPart& load, std::size_t i, bool with_error) {
+        const double error = with_error ? load.gravity_error + load.motion_error : 0.0;
+        const double reach = share.reach(load.of_gravity[i], load.of_motion[i], 1.0 - error);
+        return 1.0 / reach;  // infinite if the grip does not carry the part at rest
+    };
+    for (std::size_t piece = 0; piece < curve.pieces; ++piece)
+        stretch[piece] = std::sqrt(bound_on_piece(
+            curve, piece, 1.0,
+            [&](const Part& part) {
+                const LoadOnPart load = load_on(grip, along, part);
+                if (!std::isfinite(load.motion_error + load.gravity_error)) return kUnbounded;
+                Range range{0.0, square(load, 0, false), square(load, kDegree, false)};
+                for (std::size_t i = 0; i <= kDegree; ++i) range.upper = std::max(range.upper, square(load, i, true));
+                return range;
+            },
+            kGripSlack));
+}
+
+Peak grip_peak(const DynamicTree& model, const TimedCurve& curve, const Grip& grip) {
+    AlongCurve along(model, curve);
+    ShareOfGrip share(grip);
+    return peaks_of(
+        curve, 1,
+        [&](const Part& part, std::vector<Range>& ranges) {
+            const LoadOnPart load = load_on(grip, along, part);
+            const double error = load.motion_error + load.gravity_error;
+            if (!std::isfinite(error)) return void(ranges[0] = kUnbounded);
+            std::array<double, kDegree + 1> shares;
+            for (std::size_t i = 0; i <= kDegree; ++i) {
+                Wrench sum = load.of_motion[i];
+                for (std::size_t k = 0; k < 6; ++k) sum[k] += load.of_gravity[i][k];
+                shares[i] = share(sum);
+            }
+            ranges[0] = {*std::max_element(shares.begin(), shares.end()) + error, std::max(shares.front() - error, 0.0),
+                         std::max(shares.back() - error, 0.0)};
+        },
+        kGripSlack)[0];
 }
 
 }  // namespace pinproof

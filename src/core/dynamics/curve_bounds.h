@@ -19,12 +19,14 @@
 #include <span>
 #include <vector>
 
+#include "dynamics/grip.h"
 #include "dynamics/inverse_dynamics.h"
 
 namespace pinproof {
 
 // Relative difference between the bound of a piece and a value that occurs on it, above which the piece is bisected.
 inline constexpr double kSlack = 2e-4;
+inline constexpr double kGripSlack = 1e-3;  // for shares of a grip, which are known to kShareTolerance
 
 // Largest number of parts of one piece. The bound of a part that is not bisected any more is valid, but less tight.
 inline constexpr std::size_t kMaxParts = 4096;
@@ -55,5 +57,9 @@ struct Peak {
 
 std::vector<Peak> torque_peaks(const DynamicTree& model, const TimedCurve& curve);
 std::vector<Peak> tool_peaks(const DynamicTree& model, const TimedCurve& curve);
+
+// The same for the load of the body of the tool joint on a grip: the factors, at least 1, and the largest share.
+void grip_stretch(const DynamicTree& model, const TimedCurve& curve, const Grip& grip, std::span<double> stretch);
+Peak grip_peak(const DynamicTree& model, const TimedCurve& curve, const Grip& grip);
 
 }  // namespace pinproof

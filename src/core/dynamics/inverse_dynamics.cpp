@@ -121,39 +121,45 @@ void InverseDynamics<S>::move(std::span<const JointMotion<S>> q) {
     }
 }
 
+// Euler's equations about the origin of the joint, which itself accelerates by a, with the first moment h: force m a + W h,
+// moment I alpha + omega x I omega + h x a. The weight is m g with the moment h x g.
+template <class S>
+auto InverseDynamics<S>::load(std::size_t joint) const -> Load {
+    const RigidBody& body = model_.bodies[joint];
+    const State& at = joints_[joint];
+    const Vector3<S>& a = at.acceleration;
+    const Vector3<S>& g = at.fall;
+    Load load;
+    load.force = times(at.spin.w, body.first_moment);
+    load.force += Vector3<S>{body.mass * a.x, body.mass * a.y, body.mass * a.z};
+    const Spin& s = at.spin;
+    const auto& i = body.inertia.m;
+    load.moment = times(body.inertia, at.angular_acceleration) + cross(body.first_moment, a);
+    load.moment += Vector3<S>{
+        i[2][0] * s.xy + i[2][1] * s.yy + i[2][2] * s.yz - (i[1][0] * s.xz + i[1][1] * s.yz + i[1][2] * s.zz),
+        i[0][0] * s.xz + i[0][1] * s.yz + i[0][2] * s.zz - (i[2][0] * s.xx + i[2][1] * s.xy + i[2][2] * s.xz),
+        i[1][0] * s.xx + i[1][1] * s.xy + i[1][2] * s.xz - (i[0][0] * s.xy + i[0][1] * s.yy + i[0][2] * s.yz)};
+    // The joints carry the bodies against gravity, hence the sign.
+    load.weight = {-body.mass * g.x, -body.mass * g.y, -body.mass * g.z};
+    const Vector3<S> m = cross(body.first_moment, g);
+    load.weight_moment = {-1.0 * m.x, -1.0 * m.y, -1.0 * m.z};
+    return load;
+}
+
 template <class S>
 void InverseDynamics<S>::torques(std::span<S> of_motion, std::span<S> of_gravity) {
     std::fill(of_motion.begin(), of_motion.end(), S{});
     std::fill(of_gravity.begin(), of_gravity.end(), S{});
-    for (std::size_t k = 0; k < joints_.size(); ++k) {
-        // Euler's equations about the origin of the joint, which itself accelerates by a, with the first moment h:
-        // force m a + W h, moment I alpha + omega x I omega + h x a. The weight is m g with the moment h x g.
-        const RigidBody& body = model_.bodies[k];
-        State& at = joints_[k];
-        const Vector3<S>& a = at.acceleration;
-        const Vector3<S>& g = at.fall;
-        at.force = times(at.spin.w, body.first_moment);
-        at.force += Vector3<S>{body.mass * a.x, body.mass * a.y, body.mass * a.z};
-        const Spin& s = at.spin;
-        const auto& i = body.inertia.m;
-        at.moment = times(body.inertia, at.angular_acceleration) + cross(body.first_moment, a);
-        at.moment += Vector3<S>{
-            i[2][0] * s.xy + i[2][1] * s.yy + i[2][2] * s.yz - (i[1][0] * s.xz + i[1][1] * s.yz + i[1][2] * s.zz),
-            i[0][0] * s.xz + i[0][1] * s.yz + i[0][2] * s.zz - (i[2][0] * s.xx + i[2][1] * s.xy + i[2][2] * s.xz),
-            i[1][0] * s.xx + i[1][1] * s.xy + i[1][2] * s.xz - (i[0][0] * s.xy + i[0][1] * s.yy + i[0][2] * s.yz)};
-        // The joints carry the bodies against gravity, hence the sign.
-        at.weight = {-body.mass * g.x, -body.mass * g.y, -body.mass * g.z};
-        const Vector3<S> m = cross(body.first_moment, g);
-        at.weight_moment = {-1.0 * m.x, -1.0 * m.y, -1.0 * m.z};
-    }
+    for (std::size_t k = 0; k < joints_.size(); ++k) joints_[k].load = load(k);
     for (std::size_t k = joints_.size(); k-- > 0;) {
         const Joint& joint = model_.tree.joints[k];
-        State& at = joints_[k];
+        const State& at = joints_[k];
+        const Load& own = at.load;
         const auto entry = static_cast<std::size_t>(joint.index);
-        of_motion[entry] += joint.multiplier * (joint.prismatic ? at.force.z : at.moment.z);
-        of_gravity[entry] += joint.multiplier * (joint.prismatic ? at.weight.z : at.weight_moment.z);
+        of_motion[entry] += joint.multiplier * (joint.prismatic ? own.force.z : own.moment.z);
+        of_gravity[entry] += joint.multiplier * (joint.prismatic ? own.weight.z : own.weight_moment.z);
         if (joint.parent == kRoot) continue;
-        State& to = joints_[static_cast<std::size_t>(joint.parent)];
+        Load& to = joints_[static_cast<std::size_t>(joint.parent)].load;
         const auto pass_on = [&](Vector3<S> force, Vector3<S> moment, Vector3<S>& parent_force, Vector3<S>& parent_moment) {
             if (joint.prismatic) {  // at the origin before the motion: d z x force
                 moment.x = moment.x - at.value * force.y;
@@ -167,8 +173,8 @@ void InverseDynamics<S>::torques(std::span<S> of_motion, std::span<S> of_gravity
             parent_moment +=
                 times(joint.before.rotation, moment) + cross(joint.before.translation, force);
         };
-        pass_on(at.force, at.moment, to.force, to.moment);
-        pass_on(at.weight, at.weight_moment, to.weight, to.weight_moment);
+        pass_on(own.force, own.moment, to.force, to.moment);
+        pass_on(own.weight, own.weight_moment, to.weight, to.weight_moment);
     }
 }
 
@@ -178,6 +184,11 @@ ToolMotion<S> InverseDynamics<S>::tool() const {
     const State& at = joints_[static_cast<std::size_t>(model_.tool_joint)];
     return {at.velocity + cross(at.angular_velocity, model_.tool), at.angular_velocity,
             at.acceleration + times(at.spin.w, model_.tool), at.angular_acceleration};
+}
+
+template <class S>
+auto InverseDynamics<S>::load_of_tool() const -> Load {
+    return model_.tool_joint == kRoot ? Load{} : load(static_cast<std::size_t>(model_.tool_joint));
 }
 
 template class InverseDynamics<double>;

@@ -76,6 +76,13 @@ class InverseDynamics {
 
     ToolMotion<S> tool() const;
 
+    // The forces and moments about the origin of the tool joint, in its axes, that its own body needs for its motion and
+    // against gravity.
+    struct Load {
+        Vector3<S> force, moment, weight, weight_moment;
+    };
+    Load load_of_tool() const;
+
   private:
     // W with W v = alpha x v + omega x (omega x v), the acceleration of a point of the body at v; and omega omega^T.
     struct Spin {
@@ -86,8 +93,10 @@ class InverseDynamics {
         S value{}, sine{}, cosine{};
         Vector3<S> angular_velocity, angular_acceleration, velocity, acceleration, fall;
         Spin spin;
-        Vector3<S> force, moment, weight, weight_moment;
+        Load load;
     };
+
+    Load load(std::size_t joint) const;
 
     const DynamicTree& model_;
     std::vector<State> joints_;

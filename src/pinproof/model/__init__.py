@@ -10,6 +10,7 @@ from pinproof.model.chain import (
 from pinproof.model.dynamics import (
     GRAVITY as GRAVITY,
     Payload as Payload,
+    carried_tree as carried_tree,
     checked_payloads as checked_payloads,
     dynamic_tree as dynamic_tree,
     kinematic_tree as kinematic_tree,

@@ -103,6 +103,12 @@ class Payload(ByValue):
         inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
         return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
 
+    @property
+    def body(self) -> pin.Inertia:
+        """Mass, centre of mass and inertia for Pinocchio."""
+        inertia = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        return pin.Inertia(self.mass, np.array(self.center_of_mass), np.array(inertia))
+
     def __repr__(self) -> str:
         kind = "point mass" if self.inertia is None else "rigid body"
         at = ", ".join(f"{value:g}" for value in self.center_of_mass)
@@ -147,6 +153,23 @@ def dynamic_tree(arm: ArmBodies, payloads: Sequence[Payload] = (), gravity: npt.
 def kinematic_tree(arm: ArmBodies) -> DynamicTree:
     """The same for the motion of the tool, which does not depend on masses; its torques have no meaning."""
     return _tree_of(arm, arm.model)
+
+
+def carried_tree(arm: ArmBodies, payload: Payload, gravity: npt.ArrayLike) -> tuple[DynamicTree, pin.SE3]:
+    """The tree with a body at the tcp as its only mass, and ``joint_from_tcp`` of the joint that moves the tcp.
+
+    InputError if the payload is not stated in the frame of the tcp, or the arm does not move the tcp.
+    """
+    model, tcp = arm.model, arm.tcp_of(None)
+    frame = model.frames[model.getFrameId(tcp, pin.FrameType.BODY)]
+    if payload.frame not in (None, tcp) or frame.parentJoint == 0:
+        reason = "is not moved by the arm" if frame.parentJoint == 0 else f"must be its frame, not {payload.frame!r}"
+        raise InputError(f"a part is carried at the tcp, {tcp!r}, which {reason}")
+    model.gravity.linear = finite("gravity", gravity, (3,))
+    for joint in range(model.njoints):
+        model.inertias[joint] = pin.Inertia.Zero()
+    model.inertias[frame.parentJoint] = frame.placement.act(payload.body)
+    return _tree_of(arm, model), aligned_axes(model, frame.parentJoint)[0].actInv(frame.placement)
 
 
 def _tree_of(arm: ArmBodies, model: pin.Model) -> DynamicTree:
@@ -194,9 +217,7 @@ def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.Arra
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
         if frame.parentJoint == 0:
             raise InputError(f"the payload is fixed to {name!r}, which the arm does not move")
-        inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
-        body = pin.Inertia(payload.mass, np.array(payload.center_of_mass), np.array(inertia))
-        model.inertias[frame.parentJoint] += frame.placement.act(body)
+        model.inertias[frame.parentJoint] += frame.placement.act(payload.body)
     # torques are unknown where a joint moves no mass
     for joint in range(1, model.njoints):
         moved = sum(model.inertias[below].mass for below in model.subtrees[joint])

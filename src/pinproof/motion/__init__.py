@@ -34,6 +34,11 @@ from pinproof.motion.group_motion import (
     separate as separate,
     synchronise as synchronise,
 )
+from pinproof.motion.hold_limits import (
+    ContactPatch as ContactPatch,
+    HoldLimits as HoldLimits,
+    HoldPeak as HoldPeak,
+)
 from pinproof.motion.limits import (
     LIMIT_TOLERANCE as LIMIT_TOLERANCE,
     RATE_TOLERANCE as RATE_TOLERANCE,

@@ -141,7 +141,7 @@ def require_joints(arm: JointGroup, trajectory: Trajectory) -> None:
         raise InputError(f"the trajectory moves {trajectory.joint_names}; the joints of the arm are {arm.joint_names}")
 
 
-def _controls(arm: JointGroup, trajectory: Trajectory) -> tuple[Array, Array, Array]:
+def controls_of(arm: JointGroup, trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Contiguous control points of a trajectory of an arm and of its first two derivatives."""
     require_joints(arm, trajectory)
     position, velocity, acceleration = (np.ascontiguousarray(trajectory.bezier(order).control) for order in range(3))
@@ -221,7 +221,7 @@ class ToolLimits:
 
     def excess(self, trajectory: Trajectory) -> Array:
         """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied."""
-        return np.asarray(self._tree.tool_stretch(*_controls(self.arm, trajectory), self.limits))
+        return np.asarray(self._tree.tool_stretch(*controls_of(self.arm, trajectory), self.limits))
 
     def peaks(self, trajectory: Trajectory) -> dict[str, float]:
         """Bounds of the largest speeds and accelerations of the tcp over the motion, which hold between samples.
@@ -229,7 +229,7 @@ class ToolLimits:
         The keys are ``linear_speed`` (m/s), ``angular_speed`` (rad/s), ``linear_acceleration`` (m/s^2) and
         ``angular_acceleration`` (rad/s^2).
         """
-        bound, _, _ = self._tree.tool_peaks(*_controls(self.arm, trajectory))
+        bound, _, _ = self._tree.tool_peaks(*controls_of(self.arm, trajectory))
         return dict(zip(UNITS, bound.tolist(), strict=True))
 
     def exceeded(self, trajectory: Trajectory) -> list[str]:
@@ -393,7 +393,7 @@ class TorqueLimits(Shown):
         TimingError
             If gravity alone exceeds a limit.
         """
-        stretch = np.asarray(self._tree.torque_stretch(*_controls(self.arm, trajectory), self.limits))
+        stretch = np.asarray(self._tree.torque_stretch(*controls_of(self.arm, trajectory), self.limits))
         stuck = np.flatnonzero(np.isinf(stretch))
         if len(stuck):
             knots, inside = trajectory.bezier().knots, np.linspace(0.0, 1.0, SAMPLES_PER_PIECE)
@@ -405,7 +405,7 @@ class TorqueLimits(Shown):
 
     def peaks(self, trajectory: Trajectory) -> tuple[TorquePeak, ...]:
         """The largest torque of each joint over the motion, as a bound that holds between samples."""
-        bound, piece, fraction = self._tree.torque_peaks(*_controls(self.arm, trajectory))
+        bound, piece, fraction = self._tree.torque_peaks(*controls_of(self.arm, trajectory))
         knots = trajectory.bezier().knots
         times = knots[piece] + fraction * (knots[piece + 1] - knots[piece])
         return tuple(

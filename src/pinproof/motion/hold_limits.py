@@ -1,0 +1,266 @@
+"""Limits of a motion by the grip on a carried part: contact patches, and the loads that they transmit by friction.
+
+docs/holding.md states the model, its sources and its limits. The core (``src/core/dynamics/grip``) computes the share of
+a load, and bounds it over each complete piece of a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Grip, GripContact
+from pinproof.common.results import Shown, View, Written
+from pinproof.common.structs import key, struct
+from pinproof.common.validation import require_positive
+from pinproof.errors import InputError, SlipError
+from pinproof.model import GRAVITY, Arm, Payload, carried_tree
+from pinproof.motion.limits import LIMIT_TOLERANCE
+from pinproof.motion.rate_limits import controls_of
+from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import SE3, Array, finite
+
+CELLS = 4
+"""A patch is divided into so many cells along each side, each of which presses at its centre. By the triangle inequality
+this transmits less torsion than the patch: by 2 % for a square."""
+
+DIRECTIONS = 8
+"""Directions of the polygon about a patch at whose edge the pressure may decrease to zero."""
+
+ONE_SIDED = 1e3
+"""A limit a <= 1 is written |a + ONE_SIDED - 1| <= ONE_SIDED for the timing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPatch:
+    """A patch on which a finger or a suction cup presses on a part.
+
+    The pressure is linear over the patch: uniform if the normal force acts at its centre. At every point the friction is
+    at most ``friction`` times the pressure.
+
+    Parameters
+    ----------
+    points
+        (N, 3) points of the patch in metres in the frame of the tcp, of which each represents the same area.
+    normal
+        (3,) direction in which the hand presses on the part; it is normalised.
+    force
+        Largest normal force in N, or of a suction cup the pull-off force.
+    friction
+        Coefficient of friction.
+    pulls
+        Whether it is a suction cup, which pulls the part with the constant force and is pressed against it with the
+        part of the force that the load leaves.
+    """
+
+    points: Array
+    normal: Array
+    force: float
+    friction: float
+    pulls: bool = False
+
+    def __post_init__(self) -> None:
+        points = finite("the points of a contact patch", self.points, (None, 3))
+        normal = finite("the normal of a contact patch", self.normal, (3,))
+        if not len(points) or not normal.any():
+            raise InputError("a contact patch needs at least one point and a normal that is not zero")
+        require_positive("the force of a contact patch (N)", self.force)
+        require_positive("the friction of a contact patch", self.friction)
+        for name, array in (("points", points), ("normal", normal / np.linalg.norm(normal))):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def compiled(self, a_from_tcp: SE3) -> GripContact:
+        """The patch in another frame for the core: the centres of its cells, and distributions of the normal force."""
+        # Plane coordinates along the principal axes of the patch, relative to its extent
+        centre = self.points.mean(axis=0)
+        flat = self.points - centre
+        flat = flat - np.outer(flat @ self.normal, self.normal)
+        axes = np.linalg.svd(flat, full_matrices=False)[2][:2] if len(flat) > 1 else np.eye(3)[:2]
+        plane = flat @ axes.T
+        plane /= np.maximum(np.ptp(plane, axis=0), np.finfo(float).tiny)
+        # Points that are few are kept; others are joined to cells
+        cells = np.arange(len(plane))
+        if len(plane) > CELLS**2:
+            steps = ((plane - plane.min(axis=0)) * CELLS).astype(int).clip(0, CELLS - 1)
+            cells = np.unique(steps @ (CELLS, 1), return_inverse=True)[1].ravel()
+        counts = np.bincount(cells)
+        own, place = (
+            np.stack([np.bincount(cells, values) for values in rows.T], axis=1) / counts[:, None]
+            for rows in (self.points, plane)
+        )
+        # Pressures that decrease linearly to zero at one side of a polygon about the patch; with the uniform pressure,
+        # which is their mean, their convex combinations are the linear pressures that are positive within the polygon
+        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        sides = np.stack([np.cos(angle), np.sin(angle)])
+        reach = (plane @ sides).max(axis=0)
+        lean = np.divide(place @ sides, reach, out=np.zeros((len(place), DIRECTIONS)), where=reach > 0.0)
+        shares = ((1.0 - lean).clip(0.0) * (counts / counts.sum())[:, None]).T
+        own = own @ a_from_tcp.rotation.T + a_from_tcp.translation
+        return GripContact(
+            own.ravel(), np.ascontiguousarray(shares).ravel(), a_from_tcp.rotation @ self.normal, self.force,
+            self.friction, self.pulls,
+        )  # fmt: skip
+
+
+@struct("hold", more=True, written=True)
+class HoldPeak(Written):
+    """The load that needs the largest share of what a grip transmits during a motion."""
+
+    share: float = key("upper bound of the share, which holds between samples; above 1 the part may slip", minimum=0)
+    time: float = key("when a load within a relative 1e-3 of the bound occurs, from the start of the motion", "s")
+    force: float = key("force on the part then, for its acceleration and against gravity", "N", minimum=0)
+    moment: float = key("moment on the part then, about the centre of the contacts", "N m", minimum=0)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the grip transmits every load of the motion."""
+        return self.share <= 1.0
+
+    @property
+    def reserve(self) -> float:
+        """The share that is not used; negative if the part slips."""
+        return 1.0 - self.share
+
+    @property
+    def words(self) -> str:
+        """The load and what the grip transmits of it, such as ``14 N and 0.2 N m of 11 N and 0.16 N m``."""
+        most = max(self.share, np.finfo(float).tiny)
+        load, limit = ((self.force / by, self.moment / by) for by in (1.0, most))
+        return " of ".join(f"{force:.3g} N and {moment:.2g} N m" for force, moment in (load, limit))
+
+    def __str__(self) -> str:
+        if self.holds:
+            return f"holds with a reserve of {100.0 * self.reserve:.0f} %, least at {self.time:.2f} s"
+        return f"slips at {self.time:.2f} s: {self.words}"
+
+
+class HoldLimits(Shown):
+    """Limits of a motion by the grip on a carried part, a :class:`~pinproof.motion.RateConstraint`.
+
+    At every instant, contact forces within the friction cones must give the part its acceleration and carry its weight.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    part
+        Mass, centre of mass and inertia of the part, in the frame of the tcp.
+    contacts
+        The contact patches, in the frame of the tcp.
+    gravity
+        (3,) acceleration of free fall in m/s^2, in the root link.
+
+    Raises
+    ------
+    InputError
+        If the arm does not move the tcp, or the contacts do not resist loads in every direction.
+    """
+
+    name = "grip"
+
+    def __init__(
+        self, arm: Arm, part: Payload, contacts: Sequence[ContactPatch], *, gravity: npt.ArrayLike = GRAVITY
+    ) -> None:
+        self.arm, self.part, self.contacts = arm, part, tuple(contacts)
+        self.gravity = finite("gravity", gravity, (3,))
+        self.gravity.setflags(write=False)
+        if not self.contacts:
+            raise InputError("a grip needs at least one contact patch")
+        self._tree, joint_from_tcp = carried_tree(arm, part, self.gravity)
+        compiled = [contact.compiled(joint_from_tcp) for contact in self.contacts]
+        self._centre = np.concatenate([np.reshape(contact.points, (-1, 3)) for contact in compiled]).mean(axis=0)
+        self._grip = Grip(compiled)
+        if not self._grip.complete:
+            raise InputError("the contacts do not resist forces and moments in every direction; the part would slip")
+
+    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
+        """Chords of the set of s'' and s'^2 with which the grip holds the part, at points of a path.
+
+        Raises
+        ------
+        SlipError
+            If the part slips at rest; the message states the load and the configuration.
+        """
+        q, slope, curvature = (np.ascontiguousarray(array) for array in (q, slope, curvature))
+        along, across, at_rest = self._grip.sections(self._tree, q, slope, curvature)
+        if not (at_rest < 1.0).all():
+            raise SlipError(self._slip_at_rest(q[np.argmax(at_rest)]))
+        level = np.full_like(along, ONE_SIDED)
+        return along, across, level - 1.0, level
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied.
+
+        Raises
+        ------
+        SlipError
+            If the part slips at rest at a configuration of the motion.
+        """
+        stretch = np.asarray(self._grip.stretch(self._tree, *controls_of(self.arm, trajectory)))
+        stuck = np.flatnonzero(np.isinf(stretch))
+        if len(stuck):
+            knots = trajectory.bezier().knots
+            inside = np.linspace(knots[stuck[0]], knots[stuck[0] + 1], 65).clip(knots[0], knots[-1])
+            q = np.ascontiguousarray(trajectory(inside))
+            raise SlipError(self._slip_at_rest(q[np.argmax(self._at_rest(q))]))
+        return stretch
+
+    def peak(self, trajectory: Trajectory) -> HoldPeak:
+        """The largest share of what the grip transmits during a motion, as a bound that holds between samples."""
+        bound, piece, fraction = self._grip.peak(self._tree, *controls_of(self.arm, trajectory))
+        knots = trajectory.bezier().knots
+        time = float(knots[piece] + fraction * (knots[piece + 1] - knots[piece]))
+        if self.excess(trajectory).max() <= 1.0 + LIMIT_TOLERANCE:  # which is a proof that it holds
+            bound = min(bound, 1.0)
+        # on this piece, because the acceleration may jump at its ends
+        state = (trajectory.bezier(order).on(np.array([piece]), np.array([fraction])) for order in range(3))
+        return self._load(bound, time, *state)
+
+    def exceeded(self, trajectory: Trajectory) -> list[str]:
+        """A sentence with the largest load."""
+        return [f"the part {self.peak(trajectory)}"]
+
+    def standstill(self, q: npt.ArrayLike) -> HoldPeak:
+        """The load at rest at a configuration (n,)."""
+        row = np.ascontiguousarray(self.arm.configuration(q))[None]
+        return self._load(float(self._at_rest(row)[0]), 0.0, row, np.zeros_like(row), np.zeros_like(row))
+
+    def shares(self, wrenches: npt.ArrayLike) -> Array:
+        """(N,) upper bounds of the shares of what the grip transmits that given loads need, within a relative 2e-4.
+
+        ``wrenches`` (N, 6) are the forces (N) and the moments (N m) about the tcp that the hand exerts on the part, in
+        the axes of the tcp.
+        """
+        force, moment = np.split(finite("wrenches", wrenches, (None, 6)), 2, axis=1)
+        placed = carried_tree(self.arm, self.part, self.gravity)[1]
+        force, moment = force @ placed.rotation.T, moment @ placed.rotation.T
+        return np.asarray(self._grip.shares(np.hstack([force, moment + np.cross(placed.translation, force)])))
+
+    def _at_rest(self, q: Array) -> Array:
+        still = np.zeros_like(q)
+        return np.asarray(self._grip.shares(np.ascontiguousarray(self._tree.loads(q, still, still)[:, 1])))
+
+    def _load(self, share: float, time: float, q: Array, v: Array, a: Array) -> HoldPeak:
+        """The load at a state (1, n) of the arm."""
+        force, moment = np.split(self._tree.loads(*map(np.ascontiguousarray, (q, v, a)))[0].sum(axis=0), 2)
+        about = np.linalg.norm(moment - np.cross(self._centre, force))
+        return HoldPeak(share, time, float(np.linalg.norm(force)), float(about))
+
+    def _slip_at_rest(self, q: Array) -> str:
+        return f"the part slips at rest at q = {np.round(q, 4).tolist()}: {self.standstill(q).words}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(HoldLimits, gravity=self.gravity), (self.arm, self.part, self.contacts)
+
+    def _view(self) -> View:
+        lines = [
+            f"{'pulls' if each.pulls else 'presses'} with {each.force:g} N, friction {each.friction:g}"
+            for each in self.contacts
+        ]
+        return View(f"{self.part}, {len(lines)} contacts", [lines], lines)

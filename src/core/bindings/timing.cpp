@@ -251,14 +251,15 @@ nb::tuple sections(const Grip& grip, const DynamicTree& model, const Matrix& q, 
     each_load(model, q, slope, curvature, [&](std::size_t row, const Wrench& of_motion, const Wrench&) {
         wrenches[row][1] = grip.local(of_motion);
     });
-    double *along = nullptr, *across = nullptr, *at_rest = nullptr;
+    double *along = nullptr, *across = nullptr, *below = nullptr, *at_rest = nullptr;
     const auto arrays = nb::make_tuple(filled({rows, kChords}, along), filled({rows, kChords}, across),
-                                       filled({rows}, at_rest));
+                                       filled({rows, kChords}, below), filled({rows}, at_rest));
     nb::gil_scoped_release release;
     ShareOfGrip share(grip);
     for (const auto& [alpha, beta, gamma] : wrenches) {
         const Section section = section_of(grip, share, alpha, beta, gamma);
         for (const auto& [x, y] : section.rows) *along++ = x, *across++ = y;
+        below = std::ranges::copy(section.below, below).out;
         *at_rest++ = section.at_rest;
     }
     return arrays;
@@ -289,8 +290,8 @@ void bind_grip(nb::module_& module) {
             }, "wrenches"_a,
              "(N,) upper bounds of the shares of what the grip transmits that the forces and moments (N, 6) need.")
         .def("sections", &sections, "model"_a, "q"_a, "slope"_a, "curvature"_a,
-             "(alpha, beta, at rest): rows (N, m) with alpha s'' + beta s'^2 <= 1 on a path, and the shares (N,) of "
-             "gravity.")
+             "(alpha, beta, below, at rest): rows (N, m) with -below <= alpha s'' + beta s'^2 <= 1 on a path, and the "
+             "shares (N,) of gravity.")
         .def("stretch", [](const Grip& grip, const DynamicTree& model, const Stack& position, const Stack& velocity,
                            const Stack& acceleration) {
                 const TimedCurve curve = read_curve(model, position, velocity, acceleration);

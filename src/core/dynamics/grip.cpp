@@ -249,6 +249,8 @@ Section section_of(const Grip& grip, ShareOfGrip& share, const Wrench& alpha, co
         const auto [x1, y1] = points[k + 1];
         const double level = x0 * y1 - x1 * y0;
         section.rows[k] = {(y1 - y0) / level, (x0 - x1) / level};
+        for (const auto& [x, y] : points)
+            section.below[k] = std::max(section.below[k], -section.rows[k][0] * x - section.rows[k][1] * y);
     }
     return section;
 }

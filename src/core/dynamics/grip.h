@@ -105,10 +105,12 @@ class ShareOfGrip {
 };
 
 // Chords of the section of W that limits s'' and s'^2 at a point of a path, and the share at rest; the wrench of the motion
-// is s'' alpha + s'^2 beta, that of gravity gamma. Each chord is row . (s'', s'^2) <= 1.
-inline constexpr std::size_t kChords = 12;
+// is s'' alpha + s'^2 beta, that of gravity gamma. Each chord is -below <= row . (s'', s'^2) <= 1, where the lower limit is
+// that of the other chords.
+inline constexpr std::size_t kChords = 8;
 struct Section {
     std::array<std::array<double, 2>, kChords> rows{};
+    std::array<double, kChords> below{};
     double at_rest = 0.0;
 };
 Section section_of(const Grip& grip, ShareOfGrip& share, const Wrench& alpha, const Wrench& beta, const Wrench& gamma);

@@ -1,7 +1,7 @@
 """Limits of a motion by the grip on a carried part: contact patches, and the loads that they transmit by friction.
 
-docs/holding.md states the model, its sources and its limits. The core (``src/core/dynamics/grip``) computes the share of
-a load, and bounds it over each complete piece of a motion.
+docs/holding.md states the model, its sources and its limits. The core (``src/core/dynamics/grip``) computes the share
+of a load, and bounds it over each complete piece of a motion.
 """
 
 from __future__ import annotations
@@ -26,22 +26,19 @@ from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import SE3, Array, finite
 
 CELLS = 4
-"""A patch is divided into so many cells along each side, each of which presses at its centre. By the triangle inequality
-this transmits less torsion than the patch: by 2 % for a square."""
+"""A patch is divided into so many cells along each side, each of which presses at its centre. By the triangle
+inequality, this transmits less torsion than the patch: by 2 % for a square."""
 
 DIRECTIONS = 8
 """Directions of the polygon about a patch at whose edge the pressure may decrease to zero."""
-
-ONE_SIDED = 1e3
-"""A limit a <= 1 is written |a + ONE_SIDED - 1| <= ONE_SIDED for the timing."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactPatch:
     """A patch on which a finger or a suction cup presses on a part.
 
-    The pressure is linear over the patch: uniform if the normal force acts at its centre. At every point the friction is
-    at most ``friction`` times the pressure.
+    The pressure is linear over the patch: uniform if the normal force acts at its centre. At every point the friction
+    is at most ``friction`` times the pressure.
 
     Parameters
     ----------
@@ -172,10 +169,9 @@ class HoldLimits(Shown):
         self.gravity.setflags(write=False)
         if not self.contacts:
             raise InputError("a grip needs at least one contact patch")
-        self._tree, joint_from_tcp = carried_tree(arm, part, self.gravity)
-        compiled = [contact.compiled(joint_from_tcp) for contact in self.contacts]
-        self._centre = np.concatenate([np.reshape(contact.points, (-1, 3)) for contact in compiled]).mean(axis=0)
-        self._grip = Grip(compiled)
+        self._tree, self._joint_from_tcp = carried_tree(arm, part, self.gravity)
+        self._centre = np.mean([contact.points.mean(axis=0) for contact in self.contacts], axis=0)
+        self._grip = Grip([contact.compiled(self._joint_from_tcp) for contact in self.contacts])
         if not self._grip.complete:
             raise InputError("the contacts do not resist forces and moments in every direction; the part would slip")
 
@@ -188,11 +184,10 @@ class HoldLimits(Shown):
             If the part slips at rest; the message states the load and the configuration.
         """
         q, slope, curvature = (np.ascontiguousarray(array) for array in (q, slope, curvature))
-        along, across, at_rest = self._grip.sections(self._tree, q, slope, curvature)
+        along, across, below, at_rest = self._grip.sections(self._tree, q, slope, curvature)
         if not (at_rest < 1.0).all():
-            raise SlipError(self._slip_at_rest(q[np.argmax(at_rest)]))
-        level = np.full_like(along, ONE_SIDED)
-        return along, across, level - 1.0, level
+            raise self._slip_at_rest(q[[np.argmax(at_rest)]])
+        return along, across, 0.5 * (below - 1.0), 0.5 * (below + 1.0)
 
     def excess(self, trajectory: Trajectory) -> Array:
         """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied.
@@ -207,8 +202,7 @@ class HoldLimits(Shown):
         if len(stuck):
             knots = trajectory.bezier().knots
             inside = np.linspace(knots[stuck[0]], knots[stuck[0] + 1], 65).clip(knots[0], knots[-1])
-            q = np.ascontiguousarray(trajectory(inside))
-            raise SlipError(self._slip_at_rest(q[np.argmax(self._at_rest(q))]))
+            raise self._slip_at_rest(trajectory(inside))
         return stretch
 
     def peak(self, trajectory: Trajectory) -> HoldPeak:
@@ -220,16 +214,21 @@ class HoldLimits(Shown):
             bound = min(bound, 1.0)
         # on this piece, because the acceleration may jump at its ends
         state = (trajectory.bezier(order).on(np.array([piece]), np.array([fraction])) for order in range(3))
-        return self._load(bound, time, *state)
+        force, moment = self._tree.loads(*(np.ascontiguousarray(row) for row in state))[0].sum(axis=0).reshape(2, 3)
+        about = np.linalg.norm(moment - np.cross(self._joint_from_tcp.act(self._centre), force))
+        return HoldPeak(bound, time, float(np.linalg.norm(force)), float(about))
 
     def exceeded(self, trajectory: Trajectory) -> list[str]:
         """A sentence with the largest load."""
         return [f"the part {self.peak(trajectory)}"]
 
-    def standstill(self, q: npt.ArrayLike) -> HoldPeak:
-        """The load at rest at a configuration (n,)."""
-        row = np.ascontiguousarray(self.arm.configuration(q))[None]
-        return self._load(float(self._at_rest(row)[0]), 0.0, row, np.zeros_like(row), np.zeros_like(row))
+    def at_rest(self, root_from_tcp: SE3) -> HoldPeak:
+        """The load while the tcp rests at a pose."""
+        force = -self.part.mass * root_from_tcp.rotation.T @ self.gravity
+        moment = np.cross(self.part.center_of_mass, force)
+        about = np.linalg.norm(moment - np.cross(self._centre, force))
+        share = float(self.shares([[*force, *moment]])[0])
+        return HoldPeak(share, 0.0, float(np.linalg.norm(force)), float(about))
 
     def shares(self, wrenches: npt.ArrayLike) -> Array:
         """(N,) upper bounds of the shares of what the grip transmits that given loads need, within a relative 2e-4.
@@ -238,22 +237,15 @@ class HoldLimits(Shown):
         the axes of the tcp.
         """
         force, moment = np.split(finite("wrenches", wrenches, (None, 6)), 2, axis=1)
-        placed = carried_tree(self.arm, self.part, self.gravity)[1]
-        force, moment = force @ placed.rotation.T, moment @ placed.rotation.T
-        return np.asarray(self._grip.shares(np.hstack([force, moment + np.cross(placed.translation, force)])))
+        rotation, offset = self._joint_from_tcp.rotation, self._joint_from_tcp.translation
+        force, moment = force @ rotation.T, moment @ rotation.T
+        return np.asarray(self._grip.shares(np.hstack([force, moment + np.cross(offset, force)])))
 
-    def _at_rest(self, q: Array) -> Array:
-        still = np.zeros_like(q)
-        return np.asarray(self._grip.shares(np.ascontiguousarray(self._tree.loads(q, still, still)[:, 1])))
-
-    def _load(self, share: float, time: float, q: Array, v: Array, a: Array) -> HoldPeak:
-        """The load at a state (1, n) of the arm."""
-        force, moment = np.split(self._tree.loads(*map(np.ascontiguousarray, (q, v, a)))[0].sum(axis=0), 2)
-        about = np.linalg.norm(moment - np.cross(self._centre, force))
-        return HoldPeak(share, time, float(np.linalg.norm(force)), float(about))
-
-    def _slip_at_rest(self, q: Array) -> str:
-        return f"the part slips at rest at q = {np.round(q, 4).tolist()}: {self.standstill(q).words}"
+    def _slip_at_rest(self, q: Array) -> SlipError:
+        """The error for the configuration, of several (N, n), at which the part slips most."""
+        rests = [self.at_rest(self.arm.root_from_frame(row, self.arm.tcp)) for row in q]
+        worst = int(np.argmax([rest.share for rest in rests]))
+        return SlipError(f"the part slips at rest at q = {np.round(q[worst], 4).tolist()}: {rests[worst].words}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(HoldLimits, gravity=self.gravity), (self.arm, self.part, self.contacts)

@@ -33,6 +33,7 @@ from pinproof.picks.judging.configurations import (
     limit_margin,
     turned_inside,
 )
+from pinproof.picks.judging.hold import PROVEN
 from pinproof.picks.judging.task import PickTask, at_rest
 from pinproof.picks.judging.verdict import REFUTATION, Stage, StageResult
 from pinproof.spatial import SE3, Array, twist_size
@@ -321,8 +322,22 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
             refuted = (member.head + grip.message for member, grip in zip(members, grips, strict=True) if proven)
             return Screened((), stages, tuple(refuted), True)
         return Screened((), stages, (*gripped.refuted, *in_contact()))
+    # The grip must carry the part at rest, before and after any motion
+    slips = [task.slip_at_rest(member) for member in members]
+    carries = np.array([not slips[i][0] for i in of_member]) & gripped.kept
+    if not carries.any():
+        stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
+        slip, share = slips[of_member[int(np.flatnonzero(gripped.kept)[0])]]
+        failed = StageResult(Stage.HOLD, False, slip, {"reserve": 1.0 - share})
+        reasons = []
+        for member, (slip, share) in zip(members, slips, strict=True):
+            grip = task.grip(member)
+            reason = slip if share > PROVEN else "" if grip.held or not grip.proven else grip.message
+            reasons += [member.head + reason] if reason else []
+        complete = len(reasons) == len(members)
+        return Screened((), (*stages, failed), tuple(reasons) if complete else (), True)
     # The best are planned first
-    kept = np.flatnonzero(gripped.kept)
+    kept = np.flatnonzero(carries)
     candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
     clearance = max(candidate.clearance for candidate in candidates)
     figures = {"free": float(free.sum()), "clearance": clearance}

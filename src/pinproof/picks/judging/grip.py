@@ -396,6 +396,14 @@ class CupContact:
     tilt: float = key("angle between face and surface", "rad", minimum=0)
 
 
+class GripPatch(NamedTuple):
+    """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
+
+    contact: FingerContact
+    points: Array
+    normal: Array
+
+
 @struct("grip", written=True)
 class GripResult:
     """How the part is held."""
@@ -418,6 +426,9 @@ class GripResult:
         "whether it is proven that a part is not held. The depth of a body in a mesh is only an upper bound",
         default=True,
         hidden=True,
+    )
+    patches: tuple[GripPatch, ...] = key(
+        "the contact patches of fingers whose force is stated", default=(), hidden=True, compare=False
     )
 
     @property
@@ -455,14 +466,6 @@ class HeldPart(NamedTuple):
     def name(self) -> str:
         """The name of the object."""
         return self.surface.body.owner
-
-
-class _Patch(NamedTuple):
-    """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
-
-    contact: FingerContact
-    points: Array
-    normal: Array
 
 
 def grip_by_tip(tip: SE3, part: HeldPart, along: Array, approach: float, limits: GripLimits) -> GripResult:
@@ -538,6 +541,10 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
         return GripResult(False, f"{reason} of {part.name}: {cone}", contacts)
+    # The part withstands their force
+    if limits.force is not None and limits.force_limit is not None and limits.force > limits.force_limit:
+        reason = f"the fingers press with {limits.force:g} N; {part.name} withstands {limits.force_limit:g} N"
+        return GripResult(False, reason, contacts)
     # What holds the part
     held = sorted((patch.contact for patch in enough), key=lambda each: -round(each.contact_area, AREA_DIGITS))
     least = min(held, key=lambda each: each.contact_area)
@@ -545,7 +552,8 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
     extent = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
     message = f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction})"
-    return GripResult(True, f"{message} in the tcp frame", tuple(held))
+    patches = () if limits.force is None else tuple(enough)
+    return GripResult(True, f"{message} in the tcp frame", tuple(held), patches=patches)
 
 
 def _mm(metres: float) -> str:
@@ -586,7 +594,7 @@ class _FingerPath:
         unknown = 0.0 if np.isinf(gap) else np.nan
         self.contact = FingerContact(finger.name, (x, y, z), unknown, unknown, gap, *apart)
 
-    def patch(self, limits: GripLimits) -> _Patch:
+    def patch(self, limits: GripLimits) -> GripPatch:
         """The contact patch of a finger that touches the part."""
         most = self.contact.gap + limits.compliance
         found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
@@ -597,7 +605,7 @@ class _FingerPath:
         if len(points):
             normal = normals.mean(axis=0)
             overlap = float(np.ptp(points[:, 1])) + max(each[3] for each in found if len(each[0]))
-        return _Patch(
+        return GripPatch(
             replace(self.contact, contact_area=area, overlap=overlap),
             points @ self._tcp_from_closing.T,
             self._tcp_from_closing @ (normal / np.linalg.norm(normal)),

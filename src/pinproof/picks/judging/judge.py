@@ -531,7 +531,7 @@ def _search(
         verdict = PickVerdict(
             task.pick,
             PickStatus.GOOD,
-            (*stages, *motion.stages, result),
+            (*stages, *motion.stages, *([] if timed.hold is None else [timed.hold]), result),
             tried,
             motion.attempt.q,
             timed.trajectory,
@@ -541,7 +541,7 @@ def _search(
             timed.release_time,
             member=member.words,
             score=motion.parts,
-            grip=None if task.name is None else task.grip(member),
+            grip=None if task.name is None else replace(task.grip(member), patches=()),
         )
         return verdict, None
     # No motion is complete: the reason is that of the attempt that passed the most stages

@@ -24,7 +24,7 @@ from pinproof.collision import (
 from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
+from pinproof.motion import HoldLimits, RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, family, support_names
 from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.input.settings import PickBudget, PickWeights
@@ -49,6 +49,7 @@ from pinproof.picks.judging.hand import (
     depths_while_closing,
     hand_bodies,
 )
+from pinproof.picks.judging.hold import hold_data_missing, hold_limits
 from pinproof.picks.judging.verdict import Stage
 from pinproof.planning import planner_of
 from pinproof.spatial import SE3, Array, matrix
@@ -385,6 +386,8 @@ class PickTask:
         if pick.upright is not None and not planner_of(cell.budget.planner).supports("constraints"):
             raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use rrt_connect")
         self.name = pick.object_name
+        if self.name and cell.shared.grip_limits.hold and (missing := hold_data_missing(pick, cell.shared)):
+            raise InputError(f"whether the grip holds in motion (`hold`) is unknown without {' and '.join(missing)}")
         self.place = pick.place
         if pick.place is not None:
             # The pose of the tip in the root frame, at the nominal grasp
@@ -564,6 +567,39 @@ class PickTask:
         stops += [] if closed.fingers is None else [f"{(closed.fingers.grip or 0.0) * 1e3:.2f} mm"]
         return f"closed by contact at {', '.join(stops)}: "
 
+    @once_per_grasp
+    def hold(self, member: Member) -> HoldLimits | None:
+        """The limits of the motions with the object by the grip; None if it does not hold it or its data are unknown.
+
+        Raises
+        ------
+        InputError
+            If the contacts do not resist forces and moments in every direction.
+        """
+        shared = self.cell.shared
+        if self.name is None or self.pick.payload is None or not (grip := self.grip(member)).held:
+            return None
+        return hold_limits(self.pick, shared, grip, self.holding(member).pose, self.arm)
+
+    @once_per_grasp
+    def slip_at_rest(self, member: Member) -> tuple[str, float]:
+        """Why the grip does not carry the object at rest at the grasp or at the release, and the share that is needed.
+
+        An empty text and 0 if it does, or if its data are unknown.
+        """
+        try:
+            limits = self.hold(member)
+        except InputError as error:
+            return str(error), np.inf
+        if limits is not None:
+            tcp_from_tip = self.cell.shared.tip
+            places = {"grasp": self.grasp(member), **({} if self.place is None else {"release": self.release(member)})}
+            for where, root_from_tip in places.items():
+                rest = limits.at_rest(root_from_tip * tcp_from_tip.inverse())
+                if not rest.holds:
+                    return f"{self.name} slips at rest at the {where}: {rest.words}", rest.share
+        return "", 0.0
+
     def _grip_key(self, member: Member) -> Hashable:
         """What a grip depends on, besides the hand; picks of equal parts often have the same grasp of the part."""
         held, along = self.holding(member), self._along(member)
@@ -735,9 +771,11 @@ def torque_limits(task: PickTask, member: Member, part: str, arm: Arm) -> Torque
 
 
 def rate_limits(task: PickTask, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
-    """The limits of torque and of the tool during a part of the motion, beside those of the joints."""
+    """The limits of torque, of the grip and of the tool during a part of the motion, beside those of the joints."""
     torques = torque_limits(task, member, part, checker.arm)
     constraints: list[RateConstraint] = [] if torques is None else [torques]
+    if part in CARRYING and (hold := task.hold(member)) is not None:
+        constraints.append(hold)
     if (speed := task.pick.speed.get(part)) is not None:
         constraints.append(speed.limits(checker.arm))
     return constraints

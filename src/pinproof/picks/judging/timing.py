@@ -16,7 +16,7 @@ import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Upright, certify, curve_hash
 from pinproof.common.steps import step
-from pinproof.errors import InputError, TimingError
+from pinproof.errors import InputError, SlipError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import (
     BlendedPath,
@@ -31,9 +31,10 @@ from pinproof.motion import (
 )
 from pinproof.picks.input.pick import PARTS, Member
 from pinproof.picks.judging.hand import OpenHand
+from pinproof.picks.judging.hold import held_in_motion
 from pinproof.picks.judging.lines import Attempt, Pairs
 from pinproof.picks.judging.place import Placing
-from pinproof.picks.judging.task import PickTask, peaks_of, rate_limits
+from pinproof.picks.judging.task import CARRYING, PickTask, peaks_of, rate_limits
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import MovingEnds, optimise
 from pinproof.spatial import Array
@@ -178,12 +179,13 @@ Curves = tuple[JointPath | BlendedPath | CubicPath, ...]
 
 @dataclass(frozen=True, eq=False)
 class TimedPart:
-    """The motions of a complete pick, and the times (s) of the grasp and the release."""
+    """The motions of a complete pick, the times (s) of grasp and release, and the stage hold if it is judged."""
 
     motions: tuple[PickMotion, ...]
     trajectory: Trajectory
     grasp_time: float
     release_time: float | None
+    hold: StageResult | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +227,8 @@ def time_motion(
         until_release = [each.trajectory for each in motions if each.name != "leave"]
         joined = Trajectory.join(*(each.trajectory for each in motions))
     except TimingError as error:
-        return StageResult(Stage.TIMING, False, str(error)), None
+        stage = Stage.HOLD if isinstance(error, SlipError) else Stage.TIMING
+        return StageResult(stage, False, str(error)), None
     # The figures of the complete motion
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
@@ -237,8 +240,18 @@ def time_motion(
         torque = f"{peak.torque:.3g} {peak.unit} of {peak.joint}, {100 * share:.0f} % of its limit"
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
+    # Whether the grip holds the part, of which the timing takes account
+    hold, limits, starts = None, task.hold(attempt.candidate.member), np.cumsum([0.0, *(m.duration for m in motions)])
+    if limits is not None:
+        carried = {
+            m.name: (float(t), m.trajectory) for t, m in zip(starts, motions, strict=False) if m.name in CARRYING
+        }
+        hold = held_in_motion(limits, carried)
+        if not hold.ok:
+            return hold, None
+        message += f"; {hold.message}"
     release_time = None if placing is None else Trajectory.join(*until_release).duration
-    timed = TimedPart(tuple(motions), joined, Trajectory.join(*until_grasp).duration, release_time)
+    timed = TimedPart(tuple(motions), joined, Trajectory.join(*until_grasp).duration, release_time, hold)
     return StageResult(Stage.TIMING, True, message, figures), timed
 
 
@@ -353,7 +366,7 @@ class _PartsTiming:
             try:
                 curve.timed, curve.certificate = timed_curve(self._task, part, curve.curve, curve.rates)
             except TimingError as error:
-                raise TimingError(f"{part.name}: {error}") from error
+                raise type(error)(f"{part.name}: {error}") from error
         return curve.timed
 
 

@@ -59,6 +59,7 @@ class Stage(Enum):
     RETREAT = "retreat"
     TRANSIT = "transit"
     PLACE = "place"
+    HOLD = "hold"
     TIMING = "timing"
 
     def is_later_than(self, other: Stage) -> bool:

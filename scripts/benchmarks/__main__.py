@@ -16,6 +16,7 @@ TOPICS = {
     "scaling": "costs against the number of obstacles, triangles and joints",
     "picks": "picks, screening, campaigns and durations",
     "own_cells": "picks among CAD meshes, and edges beside exact meshes",
+    "holding": "grips in motion, against linear programmes and simulations with contact",
     "sequence": "the order of picks",
     "cell": "base placement",
     "rates": "bounds of torque and tool motion against dense samples; the table of docs/dynamics.md",

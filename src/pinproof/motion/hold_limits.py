@@ -25,12 +25,12 @@ from pinproof.motion.rate_limits import controls_of
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import SE3, Array, finite
 
-CELLS = 4
-"""A patch is divided into so many cells along each side, each of which presses at its centre. By the triangle
-inequality, this transmits less torsion than the patch: by 2 % for a square."""
+CELLS = 6
+"""A patch of many points is divided into so many cells along each side, each of which presses at its centre. By the
+triangle inequality, this transmits less torsion than the patch: by 1 % for a square."""
 
-DIRECTIONS = 8
-"""Directions of the polygon about a patch at whose edge the pressure may decrease to zero."""
+DIRECTIONS = 20
+"""Sides of the polygon about a patch of many points at whose edge the pressure may decrease to zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +74,8 @@ class ContactPatch:
 
     def compiled(self, a_from_tcp: SE3) -> GripContact:
         """The patch in another frame for the core: the centres of its cells, and distributions of the normal force."""
+        from scipy.spatial import ConvexHull
+
         # Plane coordinates along the principal axes of the patch, relative to its extent
         centre = self.points.mean(axis=0)
         flat = self.points - centre
@@ -95,8 +97,10 @@ class ContactPatch:
         # which is their mean, their convex combinations are the linear pressures that are positive within the polygon
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         sides = np.stack([np.cos(angle), np.sin(angle)])
+        if len(plane) <= CELLS**2 and np.linalg.matrix_rank(plane) == 2:
+            sides = ConvexHull(plane).equations[:, :2].T
         reach = (plane @ sides).max(axis=0)
-        lean = np.divide(place @ sides, reach, out=np.zeros((len(place), DIRECTIONS)), where=reach > 0.0)
+        lean = np.divide(place @ sides, reach, out=np.zeros((len(place), len(reach))), where=reach > 0.0)
         shares = ((1.0 - lean).clip(0.0) * (counts / counts.sum())[:, None]).T
         own = own @ a_from_tcp.rotation.T + a_from_tcp.translation
         return GripContact(

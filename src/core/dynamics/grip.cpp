@@ -68,8 +68,7 @@ Grip::Grip(const std::vector<GripContact>& contacts) {
             own.points[k / 4].set(static_cast<int>(k % 4), point);
             for (std::size_t d = 0; d < distributions; ++d)
                 own.shares[k / 4 * distributions + d][k % 4] = contact.distributions[d * points + k];
-            if (contact.pulls)  // at the mean of the points, over which the vacuum acts
-                add(offset_, -contact.force / static_cast<double>(points), contact.normal, point);
+            if (contact.pulls) add(offset_, -contact.force * contact.distributions[k], contact.normal, point);
         }
         total += own.most;
         contacts_.push_back(std::move(own));
@@ -221,11 +220,13 @@ double ShareOfGrip::operator()(const Wrench& wrench) {
 }
 
 double ShareOfGrip::reach(const Wrench& g, const Wrench& d, double kept) {
-    const Wrench sum = along(g, 1.0, d), none{};
-    if (!(kept > 0.0) || !((*this)(g) < kept)) return 0.0;
-    if ((*this)(sum) <= kept) return 1.0;
-    const Wrench from = along(none, 1.0 / kept, g);
-    return std::min(kept / ShareOfGrip(grip_, from, (*this)(from))(d), 1.0);
+    if ((*this)(along(g, 1.0, d)) <= kept) return 1.0;
+    // Less than is kept, so that the share at the end is at most that, whichever basis it is computed from
+    const double aim = (1.0 - 2.0 * kShareTolerance) * kept, at_rest = (*this)(g);
+    if (!(aim > 0.0) || !(at_rest < aim)) return 0.0;
+    const Wrench none{}, from = along(none, 1.0 / aim, g);
+    const double share = (*this)(from);
+    return share < 1.0 ? std::min(aim / ShareOfGrip(grip_, from, share)(d), 1.0) : 0.0;
 }
 
 Section section_of(const Grip& grip, ShareOfGrip& share, const Wrench& alpha, const Wrench& beta, const Wrench& gamma) {

@@ -28,7 +28,7 @@ namespace pinproof {
 
 struct GripContact {
     std::vector<double> points;         // (K, 3), m
-    std::vector<double> distributions;  // (D, K), each at least 0 and with the sum 1
+    std::vector<double> distributions;  // (D, K), each at least 0 and with the sum 1; a cup pulls with the first one
     Vec3 normal;                        // along which the hand presses on the part
     double force = 0.0;                 // F, N
     double friction = 0.0;
@@ -88,7 +88,7 @@ class ShareOfGrip {
     // An upper bound of the share of w, in the coordinates of the grip.
     double operator()(const Wrench& w);
 
-    // The largest s in [0, 1] for which the grip transmits g + s d, up to the tolerance and never more, if only the part
+    // The largest s in [0, 1] for which the grip transmits g + s d, up to some tolerances and never more, if only the part
     // `kept` of what it transmits is used; 0 if it does not transmit g.
     double reach(const Wrench& g, const Wrench& d, double kept = 1.0);
 

@@ -93,14 +93,15 @@ class ContactPatch:
             np.stack([np.bincount(cells, values) for values in rows.T], axis=1) / counts[:, None]
             for rows in (self.points, plane)
         )
-        # Pressures that decrease linearly to zero at one side of a polygon about the patch; with the uniform pressure,
-        # which is their mean, their convex combinations are the linear pressures that are positive within the polygon
+        # The uniform pressure, and those that decrease linearly to zero at one side of a polygon about the patch: their
+        # convex combinations are all linear pressures that are positive within the polygon
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         sides = np.stack([np.cos(angle), np.sin(angle)])
         if len(plane) <= CELLS**2 and np.linalg.matrix_rank(plane) == 2:
             sides = ConvexHull(plane).equations[:, :2].T
         reach = (plane @ sides).max(axis=0)
         lean = np.divide(place @ sides, reach, out=np.zeros((len(place), len(reach))), where=reach > 0.0)
+        lean = np.column_stack([np.zeros(len(place)), lean])
         shares = ((1.0 - lean).clip(0.0) * (counts / counts.sum())[:, None]).T
         own = own @ a_from_tcp.rotation.T + a_from_tcp.translation
         return GripContact(

@@ -32,6 +32,7 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
 from pinproof.picks.judging.judge import judge
 from pinproof.picks.judging.task import (
+    CARRYING,
     PickCell,
     PickTask,
     check_held_joints,
@@ -226,6 +227,9 @@ class PickSetup:
         for key, trajectory in program.motions.items():
             part = part_again(task, member, program.certificates[key].name, trajectory)
             proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
+            hold = task.hold(member) if part.name in CARRYING else None
+            if hold is not None and not (peak := hold.peak(trajectory)).holds:
+                faults[key] = "; ".join(filter(None, [faults.get(key), f"the part {peak}"]))
             if fault := faults.get(key):
                 message = f"{fault}; {proof.message}"
                 proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)
@@ -275,7 +279,11 @@ class PickSetup:
         if False in with_object:
             notes.append("picks without `object:` are judged with an empty gripper after the grasp")
         for hand in hands if True in with_object else ():
-            if hand.fingers is not None or hand.grip:
+            if hand.grip_limits.hold:
+                continue
+            if (hand.grip_limits.force if hand.cup is None else hand.cup.force) is not None:
+                notes.append("slip of parts in the hand whose mass is not stated (`payload`)")
+            elif hand.fingers is not None or hand.grip:
                 notes.append(
                     "gripping force and slip of the part; only contact of the fingers on opposite sides of it is "
                     "checked"

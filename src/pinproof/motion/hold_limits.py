@@ -110,7 +110,7 @@ class ContactPatch:
         )  # fmt: skip
 
 
-@struct("hold", more=True, written=True)
+@struct("hold", written=True)
 class HoldPeak(Written):
     """The load that needs the largest share of what a grip transmits during a motion."""
 

@@ -176,7 +176,7 @@ class GripLimits:
     )
     force: float | None = key(
         "force with which each finger presses on the object; with the mass of the object, it is then judged whether "
-        "the grip holds in motion",
+        "the grip [holds in motion](../holding.md)",
         "N",
         default=None,
         above=0,
@@ -286,7 +286,7 @@ class SuctionCup:
     )
     force: float | None = key(
         "pull-off force along the axis at the vacuum that is used; with the mass of the object, it is then judged "
-        "whether the cup holds in motion",
+        "whether the cup [holds in motion](../holding.md)",
         "N",
         default=None,
         above=0,

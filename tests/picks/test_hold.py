@@ -1,0 +1,130 @@
+"""The stage hold: the grip carries the part at rest and on the motions, and limits how fast these are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.picks import GripLimits, PickStatus, Stage, SuctionCup
+
+from .conftest import DOWN, QUICK, cell_of, figures, judge_in
+
+MASS = 0.3
+
+
+@pytest.fixture(scope="module")
+def bin_cell() -> tuple[pp.Arm, pp.Scene, pp.Picks]:
+    return cell_of("panda", "bin_picks.yaml", "standing", "leaning")
+
+
+def judged(cell, name: str, mass: float | None = MASS, **limits):
+    """The verdict on a pick of the bin with a mass and values of the grip."""
+    arm, scene, picks = cell
+    (pick,) = (pick for pick in picks if pick.name == name)
+    payload = None if mass is None else pp.Payload(mass, (0, 0, 0), (2e-4, 2e-4, 2e-4))
+    picks = replace(picks, picks=(replace(pick, payload=payload),), grip_limits=GripLimits(**limits))
+    return pp.validate_picks(arm, scene, picks, budget=QUICK)
+
+
+def test_reserve_and_instant_are_those_of_the_motions_with_the_part(bin_cell) -> None:
+    (verdict,) = judged(bin_cell, "standing", force=30.0).verdicts
+    assert verdict.ok
+    assert [stage.stage for stage in verdict.stages[-2:]] == [Stage.HOLD, Stage.TIMING]
+    found = figures(verdict, Stage.HOLD)
+    starts = np.cumsum([0.0, *(motion.duration for motion in verdict.motions)])
+    (part,) = (
+        motion for t, motion in zip(starts, verdict.motions, strict=False) if t <= found["time"] <= t + motion.duration
+    )
+    assert part.name in ("retreat", "transfer", "place")
+    assert 0.0 < found["reserve"] < 1.0
+    assert found["force"] >= 9.81 * MASS * 0.9
+    assert f"reserve of {100 * found['reserve']:.0f} %, least at {found['time']:.2f} s" in verdict.reason
+
+
+def test_weak_grip_slows_the_motions_with_the_part_and_uses_its_reserve(bin_cell) -> None:
+    strong, weak = (judged(bin_cell, "leaning", force=force).verdicts[0] for force in (300.0, 11.3))
+    carried = [sum(part.duration for part in verdict.motions if part.name == "retreat") for verdict in (strong, weak)]
+    assert carried[1] > 1.02 * carried[0]
+    assert 0.0 <= figures(weak, Stage.HOLD)["reserve"] < 0.02
+    assert figures(strong, Stage.HOLD)["reserve"] > 0.5
+
+
+def test_part_that_slips_at_rest_makes_the_pick_impossible_before_planning(bin_cell) -> None:
+    (verdict,) = judged(bin_cell, "leaning", force=5.0).verdicts
+    assert verdict.status is PickStatus.IMPOSSIBLE
+    assert verdict.failed is Stage.HOLD
+    assert not {Stage.APPROACH, Stage.TRANSIT} & {stage.stage for stage in verdict.stages}
+    assert "leaning slips at rest at the grasp: 2.94 N and" in verdict.reason
+    assert len(verdict.refuted) == 2  # each spin
+
+
+def test_more_friction_or_force_holds_what_slips(bin_cell) -> None:
+    assert not judged(bin_cell, "leaning", force=9.0).verdicts[0].ok
+    assert judged(bin_cell, "leaning", force=9.0, friction=0.9).verdicts[0].ok
+
+
+def test_force_beyond_what_the_part_withstands_fails_the_grip(bin_cell) -> None:
+    (verdict,) = judged(bin_cell, "standing", force=60.0, force_limit=40.0).verdicts
+    assert verdict.failed is Stage.GRIP
+    assert "60 N" in verdict.reason
+    assert "40 N" in verdict.reason
+
+
+def test_missing_data_are_named_where_the_hold_is_required(bin_cell) -> None:
+    (no_mass,) = judged(bin_cell, "standing", mass=None, force=30.0, hold=True).verdicts
+    assert no_mass.status is PickStatus.UNREADABLE
+    assert "`payload` of the pick" in no_mass.reason
+    (nothing,) = judged(bin_cell, "standing", mass=None, hold=True).verdicts
+    assert "`payload` of the pick" in nothing.reason
+    assert "`grip_limits.force`" in nothing.reason
+
+
+def test_hold_is_judged_only_with_mass_and_force(bin_cell) -> None:
+    for mass, force in ((MASS, None), (None, 30.0)):
+        report = judged(bin_cell, "standing", mass=mass, force=force)
+        assert report.verdicts[0].ok
+        assert Stage.HOLD not in {stage.stage for stage in report.verdicts[0].stages}
+        assert any("slip of" in note for note in report.notes)
+
+
+def cup_pick(arms, **cup):
+    """A pick of a box by a cup of 15 mm of an UR5."""
+    block = pp.Obstacle("block", pp.Box(0.06, 0.06, 0.05), pp.pose((0.45, 0.1, 0.025)))
+    pick = pp.Pick(
+        "block", pp.pose((0.45, 0.1, 0.05), DOWN), 0.05, 0.05, carried="block", payload=pp.Payload(0.5, (0.02, 0, 0)),
+        place=pp.picks.PlaceTarget(pp.pose((0.45, -0.2, 0.15), DOWN)),
+    )  # fmt: skip
+    stem = pp.Obstacle("stem", pp.Cylinder(radius=0.01, length=0.1), pp.pose((0, 0, 0.05)))
+    scene = pp.Scene([block, pp.Obstacle("table", pp.Box(2, 2, 0.04), pp.pose((0.5, 0, -0.025)))],
+                     allowed=[("base_link", "table")])  # fmt: skip
+    settings = {"tip": pp.pose((0, 0, 0.1)), "tool": (stem,), "cup": SuctionCup(radius=0.015, **cup)}
+    return judge_in(arms["ur5"], scene, pick, **settings)
+
+
+def test_cup_holds_by_its_pull_off_force_and_slips_when_tilted_too_much(arms) -> None:
+    strong = cup_pick(arms, force=60.0)
+    assert strong.ok
+    assert figures(strong, Stage.HOLD)["reserve"] > 0.1
+    # The weight alone, 4.9 N, is carried, but not its moment of 0.1 N m about the cup, as N R / 2 = 0.02 N m
+    weak = cup_pick(arms, force=10.0)
+    assert weak.failed is Stage.HOLD
+    assert weak.status is PickStatus.IMPOSSIBLE
+
+
+def faster(motion: pp.Trajectory) -> pp.Trajectory:
+    """The motion in 0.7 times its duration."""
+    return pp.Trajectory(0.7 * motion.times, motion.q, motion.velocities / 0.7, motion.joint_names)
+
+
+def test_program_that_is_run_faster_is_refused_where_the_part_slips(bin_cell) -> None:
+    report = judged(bin_cell, "leaning", force=11.3)
+    (verdict,) = report.verdicts
+    program = verdict.program()
+    assert all(proof.free for proof in report.setup.recertify(program, verdict.pick))
+    *before, retreat = program.segments
+    fast = replace(program, segments=(*before, replace(retreat, trajectory=faster(retreat.trajectory))))
+    messages = [proof.message for proof in report.setup.recertify(fast, verdict.pick) if not proof.free]
+    assert any("the part slips at" in message for message in messages)

@@ -21,6 +21,7 @@ PAGES = sorted(
     for page in (
         DOCS / "index.md",
         DOCS / "dynamics.md",
+        DOCS / "holding.md",
         DOCS / "libraries.md",
         DOCS / "planning.md",
         DOCS / "two_hands.md",

@@ -185,3 +185,32 @@ def _beside(cup: pp.picks.Tool) -> pp.picks.Tool:
     aside = pp.pose((0.0, 0.03, 0.05), (-np.pi / 2, 0, 0))
     (tube,) = cup.tool
     return replace(cup, tip=aside * cup.tip, tool=(replace(tube, pose=aside * tube.pose),))
+
+
+def test_a_suggestion_for_a_grasp_is_applied_to_the_pick_of_the_verdict(cell, report) -> None:
+    move = pp.picks.ShiftSuggestion(by=(0, 10, 0), frame="bolt_1")
+    with pytest.raises(InputError, match="apply it to the pick of the verdict"):
+        move.apply(named(cell[2], "bolt_1"))
+    pick = named(report.verdicts, "bolt_1").pick
+    moved = move.apply(pick).pose.translation - pick.pose.translation
+    np.testing.assert_allclose(moved, [0, 0.01, 0], atol=1e-12)
+
+
+def test_parts_on_a_conveyor_are_taken_with_the_first_grasp_that_succeeds(cell) -> None:
+    arm, scene, picks = cell
+    belt = pp.picks.Conveyor(speed=0.05, parts=["block_1"], direction=(0, 1, 0))
+    jaws = replace(picks.tools["jaws"], payload=())
+    block = replace(picks.parts["block"], mass=None)
+    pick = replace(named(picks, "block_1"), place=None)
+    shared = replace(picks, picks=[pick], tools={"jaws": jaws}, parts={"block": block}, conveyor=belt, tool_change=None)
+    setup = PickSetup.make(arm, scene, shared, home=None, rng=0, budget=QUICK)
+    (verdict,) = pp.picks.pick_from_belt(setup, [pick]).verdicts
+    assert (verdict.ok, verdict.grasp) == (True, "across"), verdict
+    (judged,) = pp.validate_picks(arm, scene, shared, budget=QUICK).verdicts
+    assert (judged.ok, judged.grasp, len(judged.grasps_failed)) == (True, "across", 1)
+    heavy = replace(shared, tools={"jaws": picks.tools["jaws"]})
+    (refused,) = pp.validate_picks(arm, scene, heavy, budget=QUICK).verdicts
+    assert "torques are not supported" in refused.reason
+    two = replace(shared, tools={"jaws": jaws, "cup": replace(picks.tools["cup"], payload=())}, tool_change=5.0)
+    with pytest.raises(InputError, match="does not wait for a change of the tools jaws, cup"):
+        pp.picks.pick_from_belt(PickSetup.make(arm, scene, two, home=None, rng=0), [pick])

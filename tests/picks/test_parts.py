@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.errors import InputError, PicksError
-from pinproof.picks import PartGrasp, PartType, Tool
+from pinproof.errors import InputError, PicksError, UnknownNameError
+from pinproof.picks import PairMargin, PartGrasp, PartType, Tool
+
+from .conftest import judge_in
+from .test_grip import CUBE, GRIPPER, HAND, TABLE, fingers, grasp
 
 HEAD = """\
 robot: ur5
@@ -179,3 +183,45 @@ def test_directions_of_grasps_in_the_root_frame_follow_a_transformed_cell(tmp_pa
     (grasp,) = turned.grasps_of(turned.picks[0])
     np.testing.assert_allclose(grasp.retreat_direction, [0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(grasp.approach_direction, [0, 0, 1], atol=1e-15)  # in the frame of the tip
+
+
+SPEC = {"tip": pp.pose((0, 0, 0.16)), "margin": 0.002}
+
+
+def judged(arms, margins: tuple[PairMargin, ...], *more: pp.Obstacle) -> pp.picks.PickVerdict:
+    """The verdict on a cube beside a post, 12 mm from the cube and 7 mm from the open hand."""
+    post = pp.Obstacle("post", pp.Box(0.01, 0.1, 0.03), pp.pose((0.482, 0.15, 0.01)))
+    shared = {"fingers": fingers(), "tool": (HAND,), **SPEC, "margins": margins}
+    return judge_in(
+        arms["ur5"],
+        pp.Scene([TABLE, CUBE, post, *more], allowed=[("base_link", "table")]),
+        grasp(retreat=0.05),
+        **shared,
+    )
+
+
+def test_the_margin_of_a_pair_replaces_that_of_all_bodies(arms) -> None:
+    assert judged(arms, ()).ok
+    assert judged(arms, (PairMargin(("cube", "table"), 0.0),)).ok
+    for name, stage in (("finger_1", "grasp"), ("hand", "grasp"), ("cube", "retreat")):
+        # The object keeps its margins while it is carried
+        verdict = judged(arms, (PairMargin((name, "post"), 0.1),))
+        assert not verdict.ok, name
+        assert verdict.failed.value in (stage, "approach"), name
+        assert "post" in verdict.reason
+    with pytest.raises(UnknownNameError, match="unknown body 'pole' in the margins of the picks; valid"):
+        judged(arms, (PairMargin(("hand", "pole"), 0.1),))
+
+
+def test_two_links_of_one_gripper_are_checked_for_contact_only_and_the_notes_state_it() -> None:
+    picks = pp.Picks((), held={"close": 0.0395, "rest": 0.0}, grip={"close": 0.0398}, margin=0.001, gripper=("pad",))
+    arm = pp.load_robot(GRIPPER).arm(tcp="hand", held=picks.held)
+    setup = pp.picks.PickSetup.make(arm, pp.Scene([CUBE]), picks, home=None, rng=0)
+    margins = {frozenset(setup.checker.owners(k)): each for k, each in enumerate(setup.checker.margins.tolist())}
+    assert margins[frozenset(("jaw", "pad"))] == 0.0
+    assert margins[frozenset(("jaw", "cube"))] == margins[frozenset(("pad", "cube"))] == 0.001
+    (note,) = [note for note in setup.not_covered({True}) if "contact only" in note]
+    assert "jaw" in note
+    assert "pad" in note
+    with pytest.raises(InputError, match="home is not a valid start: pad is 0.5 mm from jaw"):
+        pp.picks.PickSetup.make(arm, pp.Scene([CUBE]), replace(picks, grip={}), home=None, rng=0)

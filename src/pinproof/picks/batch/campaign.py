@@ -30,7 +30,7 @@ from pinproof.errors import CampaignError, FileError, InputError, RunInterrupted
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.picks.input.pick import Pick
-from pinproof.picks.input.picks import PickProblem, Picks
+from pinproof.picks.input.picks import MOUNTED, PickProblem, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.input.sources import PickList, PickSource, as_source
 from pinproof.picks.judging.conveyor import judge_on_conveyor, on_conveyor
@@ -222,12 +222,17 @@ def pick_from_belt(setup: PickSetup, picks: Iterable[Pick]) -> BeltSequence:
     InputError
         If there is no conveyor, or the object of a pick is not on it.
     """
+    if len(setup.shared.tools) > 1 and setup.shared.tool_change != MOUNTED:
+        raise InputError(f"the belt does not wait for a change of the tools {', '.join(setup.shared.tools)}; state one")
     cell, now, verdicts = setup.cell, 0.0, list[PickVerdict]()
     for index, pick in enumerate(picks):
         if not on_conveyor(pick, setup.cell):
             raise InputError(f"the object of pick {pick.name!r} is not a part of the conveyor")
         seeds = setup.rng(index).integers(2**31, size=4).tolist()
-        verdict = judge_on_conveyor(pick, cell, seeds, now)
+        for grasp in setup.shared.grasps_of(pick):
+            verdict = judge_on_conveyor(grasp, cell, seeds, now)
+            if verdict.ok:
+                break
         verdicts.append(verdict)
         belt = cell.shared.conveyor
         if verdict.trajectory is None or belt is None:

@@ -30,7 +30,7 @@ from pinproof.picks.judging.grasp import GraspCandidate, reach, screen
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.lines import Attempt, Pairs, along
 from pinproof.picks.judging.place import Placer, Scores
-from pinproof.picks.judging.task import PickCell, PickTask
+from pinproof.picks.judging.task import PickCell, PickTask, limits_torque
 from pinproof.picks.judging.timing import MotionPart, part_of, timed_curve
 from pinproof.picks.judging.verdict import Intercept, PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.planning import Route, RouteFollower, plan_among_movers, with_turns
@@ -281,7 +281,7 @@ def judge_on_conveyor(pick: Pick, cell: PickCell, seeds: list[int], start_time: 
             raise InputError(f"{task.name!r} is not on the conveyor: it was taken before")
         if unknown := [name for name in belt.parts if name not in task.scene]:
             raise InputError(f"the conveyor moves {', '.join(unknown)}, which the scene does not have")
-        if pick.speed or pick.payload is not None or cell.shared.payload or cell.shared.torque_limits:
+        if limits_torque(task.cell.shared, task.pick) or pick.speed:
             raise InputError("limits of the tool speed and of torques are not supported for picks from a conveyor")
         if not 0.0 <= start_time < belt.duration:
             until = f"from 0 to {belt.duration:g} s, while the belt runs"

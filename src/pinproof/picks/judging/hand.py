@@ -265,7 +265,7 @@ class OpenHand:
         ]
         replaced = {solid.name for solid in placed}
         attached = (*(each for each in self._outside.attached if each.name not in replaced), *placed)
-        spec = replace(self._outside.spec, scene=Scene((part,)), attached=attached)
+        spec = replace(self._outside.spec, scene=Scene((part,)), attached=attached, margins={})
         checker = self._outside.with_spec(spec).with_margin(0.0)
         if finer_at is not None:
             checker = checker.finer_at(finer_at)

@@ -77,6 +77,7 @@ class ShiftSuggestion(Suggestion):
 
     def apply(self, pick: Pick) -> Pick:
         """Return the moved pick."""
+        self.refuse_part(pick)
         for what, by, frame in self._moves():
             thing = pick if what == "pick" else pick.place
             if thing is None or thing.frame != frame:
@@ -131,6 +132,7 @@ class TurnSuggestion(Suggestion):
 
     def apply(self, pick: Pick) -> Pick:
         """Return the turned pick."""
+        self.refuse_part(pick)
         axis = np.array(self.axis)
         turn = SE3(rotation_about(axis / np.linalg.norm(axis), np.radians(self.degrees)), np.zeros(3))
         if not self.with_place:
@@ -156,6 +158,7 @@ class LengthSuggestion(Suggestion):
 
     def apply(self, pick: Pick) -> Pick:
         """Return the pick with the shorter line."""
+        self.refuse_part(pick)
         stated = getattr(pick, self.line)
         if abs(stated - self.before / 1e3) > RESOLUTION / 1e3:
             raise self.does_not_fit(pick, f"its {self.line} is {stated * 1e3:g} mm")
@@ -174,6 +177,7 @@ class RetreatSuggestion(Suggestion):
 
     def apply(self, pick: Pick) -> Pick:
         """Return the pick with a vertical retreat."""
+        self.refuse_part(pick)
         return replace(pick, retreat_direction=UP, retreat_frame=ROOT)
 
 

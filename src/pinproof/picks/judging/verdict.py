@@ -232,6 +232,13 @@ class Suggestion(ABC):
     def __str__(self) -> str:
         return f"{self.text}; it then {self.effect}" if self.effect else self.text
 
+    def refuse_part(self, pick: Pick) -> None:
+        """Raise InputError if the pick has no pose of its own, which the change could apply to."""
+        if pick.by_part:
+            raise self.does_not_fit(
+                pick, "its pose is that of a grasp of its part; apply it to the pick of the verdict"
+            )
+
     def does_not_fit(self, pick: Pick, reason: str) -> InputError:
         """The error for a pick that the suggestion was not made for."""
         return InputError(f"{self.text!r} does not fit pick {pick.name!r}: {reason}")
@@ -320,8 +327,10 @@ class PickVerdict(ProvenMotion, Shown, Written):
     def _view(self) -> View:
         rows = ([each.stage.value, "passed" if each.ok else "failed", each.message] for each in self.stages)
         table = Rows(("stage", "result", "figures or reason"), rows)
-        lines = (*map(str, self.stages), *self._suggested())
-        return View(self._headline, [table, self._suggested(), self.refuted], lines)
+        pick, tool = self.pick, f" with {self.pick.tool}" if self.pick.tool else ""
+        grasp = () if pick.grasp is None else (f"grasp {pick.grasp} of {pick.part}{tool}",)
+        notes = (*grasp, *(f"failed: {each}" for each in self.grasps_failed), *self._suggested())
+        return View(self._headline, [table, notes, self.refuted], (*map(str, self.stages), *notes))
 
     @property
     def _headline(self) -> str:

@@ -214,3 +214,13 @@ def test_parts_on_a_conveyor_are_taken_with_the_first_grasp_that_succeeds(cell) 
     two = replace(shared, tools={"jaws": jaws, "cup": replace(picks.tools["cup"], payload=())}, tool_change=5.0)
     with pytest.raises(InputError, match="does not wait for a change of the tools jaws, cup"):
         pp.picks.pick_from_belt(PickSetup.make(arm, scene, two, home=None, rng=0), [pick])
+
+
+def test_the_page_shows_the_tool_and_the_grasps_of_each_pick_with_its_proof(report, tmp_path) -> None:
+    report.save(tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert text.count("FREE") >= len(report.verdicts)
+    assert "NOT VALIDATED" not in text
+    assert "1 other grasps that failed" in text
+    assert "along: grip: the open finger" in text
+    assert "across" in text

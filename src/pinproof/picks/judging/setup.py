@@ -345,7 +345,7 @@ class PickSetup:
             "payload": digest((shared.payload, shared.torque_limits)),
             "straight": shared.straight,
             "frames": digest(shared.frames),
-            **({"tools": digest((shared.tools, shared.tool_change))} if shared.tools else {}),
+            **({"tools": digest((shared.tools, shared.tool_change, shared.margins))} if shared.tools else {}),
             **({"parts": digest(shared.parts)} if shared.parts else {}),
             "judged by": digest((self.weights, self.budget)),
             **({"checks": [describe_code(check) for check in shared.checks]} if shared.checks else {}),

@@ -196,6 +196,8 @@ def _caption(
         "Release at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
         "In the frame": row.get("frame", ""),
+        "Grasp of the part": row.get("grasp") or "",
+        "Tool": row.get("tool") or "",
         "Member": row.get("member", ""),
     }
     steps = [
@@ -205,13 +207,13 @@ def _caption(
     if len(motions := row.get("motions", ())) > 1:
         parts = [("\u25b8", motion["name"], _seconds(motion["duration"]), _proven_text(motion)) for motion in motions]
         steps = [(mark, name, f"{seconds}, {clearance}") for mark, name, seconds, clearance in parts] + steps
-    refuted = tuple(row.get("refuted", ()))
+    lists = {"refuted configurations": row.get("refuted"), "other grasps that failed": row.get("grasps_failed")}
     return panels.Caption(
         headline,
         reason,
         tone if tone in theme.TONES else "still",
         tuple((name, text) for name, text in figures.items() if text),
-        ((f"{len(refuted)} refuted configurations", refuted),) if refuted else (),
+        tuple((f"{len(texts)} {name}", tuple(texts)) for name, texts in lists.items() if texts),
         row.get("remedy", ""),
         tuple(steps),
     )

@@ -224,3 +224,18 @@ def test_the_page_shows_the_tool_and_the_grasps_of_each_pick_with_its_proof(repo
     assert "1 other grasps that failed" in text
     assert "along: grip: the open finger" in text
     assert "across" in text
+
+
+def test_an_object_of_another_size_or_frame_than_its_part_type_is_refused(cell) -> None:
+    arm, scene, picks = cell
+    pick = named(picks, "block_1")
+    for shape, reason in (
+        (pp.Box(0.005, 0.003, 0.003), "its extents are 50.0 x 30.0 x 30.0 mm, the part 5.0 x 3.0 x 3.0 mm"),
+        (pp.Box(0.03, 0.05, 0.03), "the part 30.0 x 50.0 x 30.0 mm"),
+    ):
+        part = replace(picks.parts["block"], shape=shape)
+        other = replace(picks, picks=[pick], parts={**picks.parts, "block": part})
+        (verdict,) = pp.validate_picks(arm, scene, other, budget=QUICK).verdicts
+        assert verdict.status is PickStatus.UNREADABLE
+        assert "'block_1' of the scene is no block" in verdict.reason
+        assert reason in verdict.reason

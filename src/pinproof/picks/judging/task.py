@@ -326,6 +326,9 @@ def checker_of_picks(arm: Arm, scene: Scene, picks: Picks) -> CollisionChecker:
 FAR_GRASP = 0.1
 """Metres. A tip and fingers that are farther from the surface of the object are probably stated in another frame."""
 
+SAME_PART = 1e-3
+"""Metres: largest difference of the extents of an object of the scene from those of its part type."""
+
 SUPPORT_GAP = 1e-3
 """Metres: an obstacle at most this far below an object is taken for its support."""
 
@@ -379,6 +382,8 @@ class PickTask:
             raise UnknownNameError("object", carried, self.scene, self.scene.where)
         if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
             raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
+        if pick.part in cell.shared.parts:
+            self._refuse_other_part(str(pick.part))
         for stated in (pick.support, None if pick.place is None else pick.place.support):
             for support in support_names(stated) or ():
                 if support not in self.scene:
@@ -399,6 +404,19 @@ class PickTask:
         self._open_hands: dict[Hashable, OpenHand] = {}
         self._closing: dict[PickCell, CollisionChecker] = {}
         self._empty: dict[PickCell, CollisionChecker] = {}
+
+    def _refuse_other_part(self, name: str) -> None:
+        """Raise InputError if the object has other extents than a part type, so that its grasps are not for it."""
+        known, part = self.cell.surfaces, self.cell.shared.parts[name]
+        key = f"part type {name}"
+        known.setdefault(key, known.get(key) or LineSurface.of_obstacle(Obstacle(key, part.shape)))
+        extents = [surface.body.box for surface in (self._surface, known[key])]
+        if np.abs(extents[0] - extents[1]).max() > SAME_PART:
+            sizes = [" x ".join(f"{side * 1e3:.1f}" for side in high - low) for low, high in extents]
+            reason = (
+                f"{sizes[0]} mm, the part {sizes[1]} mm" if sizes[0] != sizes[1] else "the same size in another frame"
+            )
+            raise InputError(f"{self.pick.carried!r} of the scene is no {name}: its extents are {reason}")
 
     @property
     def sampled(self) -> bool:

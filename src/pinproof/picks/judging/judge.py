@@ -99,6 +99,9 @@ class Scoring:
         """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
         arm, pick, home = task.arm, task.pick, task.cell.home[None]
         every = np.array([candidate.q for candidate in candidates]).reshape(-1, arm.dof)
+        if task.cell.trial is not None:  # any complete motion is sufficient, so the order is that of the candidates
+            least = float(least_seconds(arm, home, every).min(initial=np.inf))
+            return cls(task, -np.arange(len(candidates), dtype=float), least)
         members: dict[str, list[int]] = {}
         for i, candidate in enumerate(candidates):
             members.setdefault(candidate.member.words, []).append(i)

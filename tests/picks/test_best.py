@@ -265,6 +265,17 @@ def test_a_trial_for_the_place_is_good_if_a_release_is_possible(task) -> None:
     assert verdict.reason.startswith("no IK solution at the release")
 
 
+def test_a_trial_plans_the_configurations_in_the_order_of_their_rank(task) -> None:
+    trial = PickTask(task.pick, task.cell.for_trials(Stage.GRASP))
+    candidates = screen(trial, trial.nearest_group, reach(trial, trial.nearest_group, 0)).candidates
+    found = BestFirst(trial, candidates, SEEDS)
+    motion = found.run()
+    assert found.made == 1
+    tried = [candidates.index(attempt.candidate) for attempt in found.attempts]
+    assert tried == list(range(len(tried)))
+    assert motion.attempt.candidate in candidates[: len(tried)]
+
+
 def test_a_trial_that_needs_the_grip_closes_the_hand_before_anything_else(task, monkeypatch) -> None:
     failed = GripResult(held=False, message="no contact")
     monkeypatch.setattr(PickTask, "grip", lambda task, member: failed)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.description import robots_folder
@@ -262,3 +263,31 @@ def test_a_campaign_interrupted_by_ctrl_c_is_resumed_by_the_same_command(run: Cl
     assert out.endswith("wrote out/rows.jsonl\n")
     rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()[1:]]
     assert [row["name"] for row in rows] == [f"pin_{k}" for k in range(12)]
+
+
+# -- grasps -----------------------------------------------------------------------------------------------------------
+
+JAWS = """\
+fingers:
+  opening: 0.07
+  grip: 0.0
+  bodies: [{name: left, box: [0.016, 0.008, 0.05], xyz: [0, 0.004, -0.025]},
+           {name: right, box: [0.016, 0.008, 0.05], xyz: [0, -0.004, -0.025]}]
+"""
+
+
+def test_grasps_are_printed_and_written(run: Cli) -> None:
+    Path("gripper.yaml").write_text(JAWS, encoding="utf-8")
+    trimesh.creation.box((0.03, 0.04, 0.06)).export("part.stl")
+    out = run.prints("grasps", "part.stl", "--tool", "gripper.yaml", "-n", "5", "-o", "grasps.yaml", "--html", "p.html")
+    assert out.startswith("5 grasps of part\n")
+    assert "proposed grasp 5: antipodal" in Path("grasps.yaml").read_text(encoding="utf-8")
+    assert Path("p.html").stat().st_size > 100_000
+    data = run.json("grasps", "part.stl", "--tool", "gripper.yaml", "-n", "5")
+    assert [each["kind"] for each in data["grasps"]] == ["antipodal"] * 5
+
+
+def test_grasps_of_a_part_that_is_too_wide_are_refused(run: Cli) -> None:
+    Path("gripper.yaml").write_text(JAWS, encoding="utf-8")
+    trimesh.creation.box((0.3, 0.3, 0.3)).export("part.stl")
+    run.refuses("grasps", "part.stl", "--tool", "gripper.yaml", named=("300.0 mm", "70.0 mm"))

@@ -94,7 +94,6 @@ def test_a_pick_may_choose_the_grasp_or_the_tool(tmp_path: Path) -> None:
         ("part: block, object: {box: [1, 1, 1]}", "states a part but not the name of its object"),
         ("part: block, object: x, grasp: top, xyz: [0, 0, 0], rpy: [0, 0, 0]", "a grasp of its part and xyz"),
         ("part: block, object: x, rpy: [0, 0, 0]", "states rpy but no xyz"),
-        ("part: bare, object: x", "part 'bare' states no grasps"),
         ("part: top_only, object: x, tool: cup", "the grasps of its part are top (jaws)"),
         ("part: block, object: x, grip_limits: {friction: 0}", "above 0"),
         ("part: block, object: x, fingers: {width: 1}", "unknown key 'width'; valid: grip, opening"),

@@ -26,6 +26,7 @@ import pinproof as pp
 from pinproof.cli.cell import cell_allocate, cell_compare, cell_place, cell_sequence, cell_tolerance
 from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, LongSteps, print_error, print_json, print_note
+from pinproof.cli.grasps import grasps
 from pinproof.cli.motion import check, plan, view
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import demo, pick
@@ -86,6 +87,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "pick": pick,
     "reach": reach,
+    "grasps": grasps,
     "cell place": cell_place,
     "cell sequence": cell_sequence,
     "cell allocate": cell_allocate,
@@ -107,7 +109,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 """The commands by name; ``cell`` is a group of commands."""
 
 PANELS = {
-    **dict.fromkeys(("demo", "pick", "reach", "cell"), PICKS),
+    **dict.fromkeys(("demo", "pick", "reach", "grasps", "cell"), PICKS),
     **dict.fromkeys(("check", "plan", "certify", "export", "view"), MOTIONS),
     **dict.fromkeys(("info", "fk", "ik", "dh2urdf", "urdf2dh"), ROBOTS),
     **dict.fromkeys(("schema", "bench"), OTHERS),

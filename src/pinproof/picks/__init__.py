@@ -2,7 +2,8 @@
 
 The data flows through four packages, each of which imports only from those before it: ``input`` (picks and their
 files), ``judging`` (one pick, from reach to the timed and certified motion), ``report`` (tables and the HTML page) and
-``batch`` (lists, campaigns, screening, reach maps).
+``batch`` (lists, campaigns, screening, reach maps). ``grasps`` proposes grasps of parts, by the hand and the grip of
+``judging``.
 """
 
 from pinproof.picks.batch.campaign import BeltSequence, Campaign, CampaignResult, pick_from_belt, validate_picks
@@ -16,6 +17,7 @@ from pinproof.picks.batch.reach_map import (
     tool_orientations,
 )
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
+from pinproof.picks.grasps.proposals import ProposedGrasp, ProposedGrasps, propose_grasps
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PairMargin, PickProblem, Picks, root_from_frame
@@ -72,13 +74,13 @@ __all__ = [
     "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PairMargin", "PartGrasp", "PartType", "Pick",
     "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",
     "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights",
-    "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ReachComparison", "ReachMap",
-    "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage",
-    "StageResult", "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along",
-    "approach_directions", "attainable_orientations", "certify_picks_program", "check_held_joints", "checker_of_picks",
-    "code_of", "export_picks", "gripper_links", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of",
-    "pick_from_belt", "profile_picks", "prove_part", "rate_limits", "reach", "reach_map", "read_picks",
-    "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span",
-    "support_names", "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks",
-    "with_hand", "with_margins", "write_motion_pages",
+    "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProposedGrasp", "ProposedGrasps",
+    "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",
+    "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed",
+    "TurnSuggestion", "along", "approach_directions", "attainable_orientations", "certify_picks_program",
+    "check_held_joints", "checker_of_picks", "code_of", "export_picks", "gripper_links", "judge", "judge_hands",
+    "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks", "propose_grasps", "prove_part",
+    "rate_limits", "reach", "reach_map", "read_picks", "recertify_program", "release_lines", "root_from_frame",
+    "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part", "tool_orientations",
+    "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins", "write_motion_pages",
 ]  # fmt: skip

@@ -22,6 +22,7 @@ from pinproof.viewer.png import write_png as write_png
 from pinproof.viewer.stage import (
     Drawing as Drawing,
     DrawnLink as DrawnLink,
+    DrawnObstacle as DrawnObstacle,
     Film as Film,
     FilmPhase as FilmPhase,
     box_corners as box_corners,

@@ -84,9 +84,17 @@ class PartType(HandValues, ByValue):
     )
     tool: str | None = key("the tool of grasps that state none; by default the only one of the file", default=None)
     grasps: tuple[PartGrasp, ...] = key(
-        "the grasps, in the order in which they are tried", default=(), kind=list_of(table_of(PartGrasp))
+        "the grasps, in the order in which they are tried. Without any, grasps are [proposed](../grasps.md) from the "
+        "shape",
+        default=(),
+        kind=list_of(table_of(PartGrasp)),
     )
     name: str = key("its name in messages", default="part", hidden=True)
+    proposed: bool = key(
+        "whether the grasps are proposals from its shape. If all of them fail, nothing is proven about other grasps",
+        default=False,
+        hidden=True,
+    )
 
     def __post_init__(self) -> None:
         named = tuple(
@@ -130,7 +138,8 @@ PART_TYPE = Kind(PART, PART.check, _part)
 def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Tool], hand: Hand) -> Iterator[Pick]:
     """The picks with one grasp and one tool each for which a pick stands, in the order in which they are tried.
 
-    A pick without a part, or with a pose of its own, stands for one grasp. ``hand`` is that of files without tools.
+    A pick without a part, or with a pose of its own, stands for one grasp, and one whose part states no grasps for none
+    until they are proposed. ``hand`` is that of files without tools.
 
     Raises
     ------
@@ -178,11 +187,8 @@ def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Too
         if pick.grasp not in named:
             raise UnknownNameError("grasp", pick.grasp, named or ("none",), f"the grasps of part {pick.part!r}")
         grasps = (named[pick.grasp],)
-    if not grasps:
-        of = f" for {', '.join(tools)}" if tools else ""
-        raise InputError(
-            f"part {pick.part!r} states no grasps{of}; add some under its key grasps, or a pose to the pick"
-        )
+    if not grasps:  # they are proposed when the picks are judged
+        return
     # The tool of a pick selects the grasps that are for it
     usable = [own for own in grasps if pick.tool is None or (own.tool or part.tool or pick.tool) == pick.tool]
     if not usable:

@@ -382,21 +382,43 @@ def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
         grasps = cell.shared.grasps_of(pick)
     except InputError as error:
         return _unreadable(pick, error)
-    if len(grasps) == 1:
+    if not grasps:
+        return _unreadable(pick, InputError(f"part {pick.part!r} states no grasps; add some, or a pose to the pick"))
+    proposed = pick.by_part and cell.shared.parts[str(pick.part)].proposed
+    if len(grasps) == 1 and not proposed:
         return alone(grasps[0], cell, seeds)
-    # The grasps of the part in their order, without suggestions for those that fail
+    # The grasps of the part in their order, without suggestions for those that fail. Of proposals, which are many, only
+    # those with a free configuration are judged, at first without the reasons of a failure
+    first = cell.without_remedies
+    if proposed:
+        first = cell.for_trials(Stage.REACH)
+        moving = on_conveyor(pick, cell)
+        likely = [] if moving else [grasp for grasp in grasps if _is_free_at_grasp(grasp, first, seeds[0])]
+        grasps = tuple(likely) or grasps[:UNLIKELY]
     tried: list[PickVerdict] = []
     for grasp in grasps:
-        verdict = alone(grasp, cell.without_remedies, seeds)
+        verdict = alone(grasp, first, seeds)
+        if verdict.ok and proposed:
+            verdict = alone(grasp, cell.without_remedies, seeds)
         if verdict.ok:
             return replace(verdict, grasps_failed=tuple(map(grasp_failure, tried)))
         tried.append(verdict)
-    # No grasp is good: the furthest one, with suggestions; impossible only if every grasp is
+    # No grasp is good: the furthest one, with suggestions; impossible only if every grasp is, and no others exist
     furthest = max(tried, key=lambda found: len(found.stages))
     verdict = alone(furthest.pick, cell, seeds) if cell.budget.remedies else furthest
-    if any(found.status is PickStatus.NOT_FOUND for found in tried):
+    if proposed or any(found.status is PickStatus.NOT_FOUND for found in tried):
         verdict = replace(verdict, status=PickStatus.NOT_FOUND, refuted=())
     return replace(verdict, grasps_failed=tuple(grasp_failure(found) for found in tried if found is not furthest))
+
+
+UNLIKELY = 12
+"""Number of proposed grasps that are judged if none has a configuration that is free of contact."""
+
+
+def _is_free_at_grasp(grasp: Pick, cell: PickCell, seed: int) -> bool:
+    """Whether a configuration at a grasp, without displacement, is free of contact with the shapes of the checker."""
+    task = PickTask(grasp, cell)
+    return bool(task.at_grasp.is_free_batch(reach(task, task.nearest_group, seed).q).any())
 
 
 def _unreadable(pick: Pick, error: InputError) -> PickVerdict:

@@ -26,6 +26,7 @@ from pinproof.description import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
+from pinproof.picks.grasps.proposals import with_proposals
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
@@ -95,7 +96,8 @@ class PickSetup:
         ------
         InputError
             If home is outside the limits, in contact, or for other joints; if a joint has no velocity limit; or if the
-            held joints, the gripper links or the gripping values of the picks do not fit the arm.
+            held joints, the gripper links or the gripping values of the picks do not fit the arm; or if no grasp can
+            be proposed for a part type that states none.
         """
         # Every joint needs limits, without which no motion can be timed
         unknown = [
@@ -130,6 +132,8 @@ class PickSetup:
             if tool is not None:
                 check_held_joints(held.arm, hand)
                 torque_limits_of_tool(held.arm, hand)
+        # Part types that state no grasps get proposals
+        picks = with_proposals(picks, arm)
         # Streams of random numbers that do not depend on earlier calls with this generator
         seeds = seed_sequence(rng)
         return cls(

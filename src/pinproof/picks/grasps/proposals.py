@@ -1,0 +1,355 @@
+"""Grasps of a part that are proposed from its shape, ranked by the force that they resist."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinproof.collision import Mesh, Obstacle
+from pinproof.common.files import json_text, save_as, write_yaml
+from pinproof.common.results import Rows, Shown, View
+from pinproof.common.structs import OPTIONAL_NUMBER, described, key
+from pinproof.common.validation import Rng, random_generator, require_integer
+from pinproof.errors import FileError, InputError
+from pinproof.model import Arm
+from pinproof.picks.grasps.antipodal import finger_grasps
+from pinproof.picks.grasps.hand_maps import FingerMaps, HandMaps, closed_completely
+from pinproof.picks.grasps.part_surface import PartSurface
+from pinproof.picks.grasps.quality import Contacts, resisted
+from pinproof.picks.grasps.seals import point_grasps
+from pinproof.picks.input.parts import PartGrasp, PartType
+from pinproof.picks.input.pick import GraspSpin
+from pinproof.picks.input.picks import Picks
+from pinproof.picks.input.tools import Hand, Tool, with_values
+from pinproof.spatial import SE3, Array, xyz_rpy
+
+ANTIPODAL, CUP, TIP = "antipodal", "cup", "tip"
+
+TURNED = (0.0, np.pi)
+"""Rotations of proposals for hands that are the same after half a rotation about the approach."""
+
+ROUND = tuple(np.pi / 4 * np.array([0, 1, -1, 2, -2, 3, -3, 4]))
+"""Rotations of proposals for cups and tips."""
+
+DIGITS = 7
+"""Decimals of the poses of proposals: 0.1 micrometres."""
+
+
+@described(eq=False)
+class ProposedGrasp:
+    """One proposal, with its figures."""
+
+    grasp: PartGrasp = key("the grasp; its pose is ``part_from_tip``")
+    kind: str = key("``antipodal``, ``cup`` or ``tip``")
+    resists: float = key(
+        "the largest force at the centre of mass that it resists in every direction, in multiples of the force of a "
+        "finger or of the cup; NaN for a tip",
+        kind=OPTIONAL_NUMBER,
+    )
+    width: float = key("distance of the pads; NaN without fingers", "m", kind=OPTIONAL_NUMBER)
+    area: float = key("smallest area of contact; NaN for a tip", "m²", kind=OPTIONAL_NUMBER)
+    edge: float = key(
+        "distance of the rim of a cup from edges and holes, at most its radius", "m", kind=OPTIONAL_NUMBER
+    )
+    lever: float = key("distance of the centre of mass from the line of the forces", "m")
+    contacts: Array = key("(C, 3) the centres of the contacts in the frame of the part")
+    normals: Array = key("(C, 3) the directions in which the hand presses there")
+
+    @property
+    def words(self) -> str:
+        """The kind and its main figure."""
+        if self.kind == ANTIPODAL:
+            return f"antipodal, {self.width * 1e3:.1f} mm wide"
+        return self.kind if self.kind == TIP else f"cup, {self.edge * 1e3:.1f} mm from an edge"
+
+
+@described(eq=False)
+class ProposedGrasps(Shown):
+    """Grasps of a part, the one that resists most first."""
+
+    proposals: tuple[ProposedGrasp, ...] = key("the grasps with their figures")
+    part: PartSurface = key("the part")
+    hand: HandMaps = key("the maps of the hand")
+    wanted: int = key("the number that was asked for")
+    tip: SE3 = key("``tcp_from_tip``")
+    open: Mapping[str, float] = key("values (rad or m) of the gripping joints of the open hand", default_factory=dict)
+
+    @property
+    def grasps(self) -> tuple[PartGrasp, ...]:
+        """The grasps, for :class:`PartType` or a picks file."""
+        return tuple(proposal.grasp for proposal in self.proposals)
+
+    def __len__(self) -> int:
+        return len(self.proposals)
+
+    def __iter__(self) -> Iterator[ProposedGrasp]:
+        return iter(self.proposals)
+
+    def __getitem__(self, number: int) -> ProposedGrasp:
+        return self.proposals[number]
+
+    @property
+    def message(self) -> str:
+        """The number of grasps, and what was recognised."""
+        count, name = len(self), self.part.obstacle.name
+        fewer = f" of {self.wanted} asked for: no more fit" if count < self.wanted else ""
+        remark = f"; {self.part.remark}" if self.part.remark else ""
+        return f"{count} grasp{'' if count == 1 else 's'} of {name}{fewer}{remark}"
+
+    def rows(self) -> Rows:
+        """The table."""
+        cells = []
+        for number, each in enumerate(self, start=1):
+            x, y, z = each.grasp.pose.translation
+            forwards = " ".join(f"{value + 0.0:.2f}" for value in each.grasp.pose.rotation[:, 2].round(2))
+            area = None if np.isnan(each.area) else f"{each.area * 1e6:.0f}"
+            figures = (None if np.isnan(each.resists) else f"{each.resists:.3f}", area, f"{each.lever * 1e3:.1f}")
+            cells.append((number, each.words, *figures, *(f"{value * 1e3:.1f}" for value in (x, y, z)), forwards))
+        columns = ("#", "grasp", "resists", "area mm²", "lever mm", "x mm", "y mm", "z mm", "approach")
+        return Rows(columns, cells, numbers=("#", *columns[2:8]))
+
+    def _view(self) -> View:
+        return View(self.message, [self.rows()], self.rows().text(), len(self) + 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The grasps and their figures for JSON."""
+        grasps = []
+        for each, stated in zip(self, self.stated(), strict=True):
+            figures = {name: getattr(each, name) for name in ("resists", "width", "area", "edge", "lever")}
+            known = {name: None if np.isnan(value) else value for name, value in figures.items()}
+            grasps.append({**stated, "kind": each.kind, **known, "contacts": each.contacts.tolist()})
+        return {"ok": bool(self.proposals), "message": self.message, "grasps": grasps}
+
+    def stated(self) -> list[dict[str, Any]]:
+        """The grasps as the key ``grasps`` of a part type states them."""
+        stated = []
+        for each in self.grasps:
+            place = (xyz_rpy(each.pose).round(DIGITS) + 0.0).tolist()
+            turns = {} if each.spin is None else {"spin": [round(angle, DIGITS) for angle in each.spin.angles]}
+            hand: dict[str, Any] = {"fingers": dict(each.fingers)} if each.fingers else {}
+            if each.grip:
+                hand["held"] = {name: {"open": self.open[name], "grip": value} for name, value in each.grip.items()}
+            stated.append({"name": each.name, "xyz": place[:3], "rpy": place[3:], **turns, **hand})
+        return stated
+
+    def save(self, path: str | Path) -> None:
+        """Write the grasps: ``.yaml`` as the key ``parts`` of a picks file, ``.json`` with figures, ``.html`` a page.
+
+        Raises
+        ------
+        InputError
+            For another suffix.
+        FileError
+            If the file cannot be written.
+        """
+        from pinproof.picks.grasps.page import write_grasps_page
+
+        shape, part = self.part.obstacle.shape, dict[str, Any]()
+        if isinstance(shape, Mesh) and shape.path is not None:
+            file, folder = Path(shape.path).resolve(), Path(path).resolve().parent
+            mesh = {"path": str(file.relative_to(folder) if file.is_relative_to(folder) else file)}
+            scale = np.broadcast_to(shape.scale, 3).tolist()
+            part["mesh"] = mesh | ({} if scale == [1.0] * 3 else {"scale": scale[0] if len(set(scale)) == 1 else scale})
+        content = {"parts": {self.part.obstacle.name: {**part, "grasps": self.stated()}}}
+        save_as(
+            path,
+            {
+                ".yaml": lambda: write_yaml(path, content, FileError),
+                ".json": lambda: json_text(self.to_dict(), 1),
+                ".html": lambda: write_grasps_page(path, self),
+            },
+        )
+
+
+def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int = 200, rng: Rng = 0) -> ProposedGrasps:
+    """Propose grasps of a part from its shape, ranked by the force at the centre of mass that they resist.
+
+    For fingers, antipodal pairs of the surface within the friction cone, with hands at several rotations about the
+    closing direction, are kept where both pads touch over a sufficient area and nothing else of the hand touches the
+    part: at the grasp, while the fingers close, and on a straight approach. For a cup, places where its rim seals. For
+    a plain tip, any place where the tool does not touch the part elsewhere. The grasps are spread over places,
+    directions and rotations. docs/grasps.md describes the method and its limits.
+
+    Parameters
+    ----------
+    part
+        A :class:`PartType`, an obstacle (whose pose is ignored), the path of a mesh file, or any shape that
+        :class:`~pinproof.Obstacle` accepts. A mesh must be closed. The file of a part that is longer than 2 m is read
+        in millimetres, which the message of the result states.
+    tool
+        The hand: a :class:`Tool`, or picks without ``tools``.
+    arm
+        The arm whose links are the fingers or the palm; by default that of the ``robot`` of the tool.
+    count
+        The largest number of grasps.
+    rng
+        The seed: equal seeds give equal grasps.
+
+    Raises
+    ------
+    InputError
+        If the part is not closed or too wide for the fingers, no cup seals on it, the friction is zero, or the tool
+        has nothing that holds a part. The message states both widths, or the largest flat circle.
+    """
+    count, random = require_integer("count", count, 1), random_generator(rng)
+    centre = None
+    if isinstance(part, PartType):
+        tool, centre = with_values(tool, part.that_fit(tool), "the tool"), part.center_of_mass
+        part = Obstacle(part.name, part.shape)
+    if arm is None and getattr(tool, "robot", None) is not None:
+        arm = tool.load_arm()  # type: ignore[attr-defined]  # a tool with a robot
+    if tool.grip and arm is None:
+        raise InputError(
+            f"the fingers of the tool are links that {', '.join(tool.grip)} moves; state their robot: `robot` in the "
+            "tool file, --robot, or arm="
+        )
+    if not (tool.grip or tool.fingers or tool.cup or tool.tool or tool.gripper or not tool.tip.isIdentity()):
+        raise InputError(
+            "the tool has neither fingers nor a cup; state fingers, cup, or held with two values for finger joints "
+            "(for a magnet: tip or tool)"
+        )
+    surface, hand = PartSurface.of(part, random, centre), HandMaps.of(tool, arm)
+    limits = tool.grip_limits
+    stated = limits.friction if tool.cup is None or tool.cup.friction is None else tool.cup.friction
+    friction = float(np.tan(limits.angle)) if stated is None else stated
+    if hand.fingers is None:
+        found = _at_points(surface, hand, tool, friction, count, random)
+    else:
+        found = _by_fingers(surface, hand, hand.fingers, tool, friction, count, random)
+        closed = [_closed(tool, hand, arm, each.width) for each in found]
+        found = [replace(e, grasp=replace(e.grasp, **own)) for e, own in zip(found, closed, strict=True)]
+    # The best first; names state the rank
+    order = sorted(range(len(found)), key=lambda k: (-np.nan_to_num(round(found[k].resists, 9)), found[k].lever, k))
+    ranked = []
+    for number, k in enumerate(order, start=1):
+        named = f"proposed grasp {number}: {found[k].words}"
+        ranked.append(replace(found[k], grasp=replace(found[k].grasp, name=named)))
+    return ProposedGrasps(
+        tuple(ranked), surface, hand, count, tool.tip, {name: arm.held[name] for name in tool.grip} if arm else {}
+    )
+
+
+def with_proposals(picks: Picks, arm: Arm) -> Picks:
+    """The picks with proposed grasps of the part types that state none, for each tool that may hold them.
+
+    Raises
+    ------
+    InputError
+        If no tool holds a part.
+    """
+    wanted = {pick.part for pick in picks.picks if pick.by_part} if picks.picks else set(picks.parts)
+    parts = dict(picks.parts)
+    for name, part in picks.parts.items():
+        if part.grasps or name not in wanted:
+            continue
+        stated = [pick.tool for pick in picks.picks if pick.part == name and pick.tool is not None]
+        usual = [None] if not picks.tools else list[str | None](picks.tools)
+        tools = dict.fromkeys([part.tool, *stated] if part.tool is not None else stated or usual)
+        grasps, reasons = list[PartGrasp](), list[str]()
+        for tool in tools:
+            own = picks.with_tool(tool)
+            hand = Tool(**{each.name: getattr(own, each.name) for each in fields(Hand)})
+            try:
+                found = _proposed(part, hand, arm.with_held(own.held))
+            except InputError as error:
+                reasons.append(str(error))
+                continue
+            reasons.append("no pose was found at which only the pads touch it")
+            head = "" if tool is None else f"{tool}: "
+            grasps += [replace(grasp, name=head + grasp.name, tool=tool) for grasp in found.grasps]
+        if not grasps:
+            raise InputError(f"no grasp of part {name!r} can be proposed: {'; '.join(reasons)}; state its grasps")
+        parts[name] = replace(part, grasps=tuple(grasps), proposed=True)
+    return replace(picks, parts=parts)
+
+
+@lru_cache(maxsize=64)
+def _proposed(part: PartType, tool: Tool, arm: Arm) -> ProposedGrasps:
+    """The proposals for a part type, which are computed once."""
+    return propose_grasps(part, tool, arm=arm)
+
+
+def _closed(tool: Hand, hand: HandMaps, arm: Arm | None, width: float) -> dict[str, Any]:
+    """The values of a hand on a part of a width, where the tool states its closed position; otherwise it closes."""
+    values: dict[str, Any] = {}
+    if tool.fingers is not None and tool.fingers.grip is not None:
+        values["fingers"] = {"grip": round(width, DIGITS)}
+    if hand.fingers is not None and arm is not None and None not in tool.grip.values() and tool.grip:
+        share, ends = hand.fingers.share(width), closed_completely(tool, arm)
+        values["grip"] = {
+            name: round(arm.held[name] + share * (end - arm.held[name]), DIGITS) for name, end in ends.items()
+        }
+    return values
+
+
+def _by_fingers(
+    part: PartSurface,
+    hand: HandMaps,
+    fingers: FingerMaps,
+    tool: Hand,
+    friction: float,
+    count: int,
+    rng: np.random.Generator,
+) -> list[ProposedGrasp]:
+    """Antipodal grasps with their figures."""
+    limits = tool.grip_limits
+    angle = min(limits.angle, float(np.arctan(friction)))
+    if angle < LEAST_ANGLE:
+        raise InputError(
+            f"the grip limits allow {np.degrees(angle):.2g} deg between contact normals and the closing direction, so "
+            "two fingers hold nothing; state a friction above 0 (rubber on metal: 0.5, angle 27 deg)"
+        )
+    found = finger_grasps(part, hand, fingers, replace(limits, angle=angle), count, rng)
+    normals = np.stack([found.axes, -found.axes], axis=1)
+    # of an even pressure on a disc of the smaller area
+    torsion = np.repeat(2 / 3 * np.sqrt(found.areas.min(axis=1, keepdims=True) / np.pi), 2, axis=1)
+    contacts = Contacts((found.contacts - part.centre) / part.size, normals, torsion / part.size, 0.0, 0.0)
+    away = np.cross(part.centre - found.contacts.mean(axis=1), found.axes)
+    levers, quality = np.linalg.norm(away, axis=1), resisted(contacts, friction, rng)
+    spin = GraspSpin(TURNED) if fingers.symmetric else None
+    poses = _tips(hand, tool, found.rotations, found.translations)
+    rows = zip(poses, quality, found.widths, found.areas.min(axis=1), levers, found.contacts, normals, strict=True)
+    return [
+        ProposedGrasp(
+            PartGrasp(at, spin=spin), ANTIPODAL, float(q), float(width), float(area), np.nan, float(lever), c, n
+        )
+        for at, q, width, area, lever, c, n in rows
+    ]
+
+
+LEAST_ANGLE = np.radians(0.5)
+"""Smallest half angle of the friction cones: less than the errors of facets and of poses."""
+
+
+def _at_points(
+    part: PartSurface, hand: HandMaps, tool: Hand, friction: float, count: int, rng: np.random.Generator
+) -> list[ProposedGrasp]:
+    """Grasps of a cup or of a plain tip with their figures."""
+    found, cup = point_grasps(part, hand, tool.cup, count, rng), tool.cup
+    normals, points = found.rotations[:, :, 2], found.translations
+    levers = np.linalg.norm(np.cross(part.centre - points, normals), axis=1)
+    quality, area = np.full(len(points), np.nan), np.nan
+    if cup is not None:
+        radius = np.full((len(points), 1), cup.radius / part.size)
+        at = ((points - part.centre) / part.size)[:, None]
+        quality = resisted(Contacts(at, normals[:, None], radius, cup.radius / part.size, 1.0), friction, rng)
+        area = np.pi * cup.radius**2
+    poses = _tips(hand, tool, found.rotations, found.translations)
+    rows = zip(poses, quality, found.edges, levers, points[:, None], normals[:, None], strict=True)
+    kind, spin = TIP if cup is None else CUP, GraspSpin(ROUND)
+    return [
+        ProposedGrasp(PartGrasp(at, spin=spin), kind, float(q), np.nan, area, float(edge), float(lever), c, n)
+        for at, q, edge, lever, c, n in rows
+    ]
+
+
+def _tips(hand: HandMaps, tool: Hand, rotations: Array, translations: Array) -> list[SE3]:
+    """``part_from_tip`` of hands, rounded."""
+    hand_from_tip = hand.tcp_from_hand.actInv(tool.tip)
+    tips = [SE3(rotation, at) * hand_from_tip for rotation, at in zip(rotations, translations, strict=True)]
+    return [SE3(tip.rotation, tip.translation.round(DIGITS)) for tip in tips]

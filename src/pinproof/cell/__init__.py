@@ -3,6 +3,7 @@
 :func:`pinproof.place_base` searches for the placement of the base at which all picks work, with the shortest cycle
 time.
 :func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
+:func:`pinproof.cell.new_cell` writes the scene and the picks of a cell for a robot and meshes of parts.
 :func:`pinproof.cell.allocate` distributes picks over several arms that move at the same time.
 """
 
@@ -46,6 +47,7 @@ from pinproof.cell.sequencing.sequence_result import (
     SequenceResult as SequenceResult,
     SequenceStep as SequenceStep,
 )
+from pinproof.cell.starting.new_cell import NewCell as NewCell, new_cell as new_cell
 from pinproof.cell.tolerance import (
     PickTolerance as PickTolerance,
     ToleranceStudy as ToleranceStudy,

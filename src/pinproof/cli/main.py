@@ -28,6 +28,7 @@ from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, LongSteps, print_error, print_json, print_note
 from pinproof.cli.grasps import grasps
 from pinproof.cli.motion import check, plan, view
+from pinproof.cli.new import new_cell
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import demo, pick
 from pinproof.cli.reach import reach
@@ -85,6 +86,7 @@ app = typer.Typer(
 PICKS, MOTIONS, ROBOTS, OTHERS = "Picks", "Motions", "Robots and kinematics", "Other commands"
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
+    "new cell": new_cell,
     "pick": pick,
     "reach": reach,
     "grasps": grasps,
@@ -106,10 +108,10 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": schema,
     "bench": bench,
 }
-"""The commands by name; ``cell`` is a group of commands."""
+"""The commands by name; ``new`` and ``cell`` are groups of commands."""
 
 PANELS = {
-    **dict.fromkeys(("demo", "pick", "reach", "grasps", "cell"), PICKS),
+    **dict.fromkeys(("demo", "new", "pick", "reach", "grasps", "cell"), PICKS),
     **dict.fromkeys(("check", "plan", "certify", "export", "view"), MOTIONS),
     **dict.fromkeys(("info", "fk", "ik", "dh2urdf", "urdf2dh"), ROBOTS),
     **dict.fromkeys(("schema", "bench"), OTHERS),
@@ -129,6 +131,7 @@ class _ErrorOptions:
 
 groups = {
     "": app,
+    "new": typer.Typer(help="Start from a robot and meshes of parts.", cls=_Group, no_args_is_help=True),
     "cell": typer.Typer(
         help="Plan a robot cell: where the robot is placed, the order of its picks, and its cycle time.",
         cls=_Group,

@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from pinproof.cell.starting.station import OwnHand, find_home, fixed_box, recognise_hand, stated_pose, work_areas
+from pinproof.cell.starting.station import (
+    OwnHand,
+    find_home,
+    fixed_box,
+    hand_points,
+    recognise_hand,
+    stated_pose,
+    work_areas,
+)
 from pinproof.cell.starting.workpieces import MOST_BIN, MOST_PART, RestingPose, Workpiece, arrange, free_floor
 from pinproof.collision import CollisionChecker, Mesh, Scene, sample_overlaps
 from pinproof.common.files import write_text_whole
@@ -24,7 +32,17 @@ from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import TorqueLimits
-from pinproof.picks import PartType, Picks, ReachRegion, Tool, propose_grasps, reach_map, read_picks, tool_orientations
+from pinproof.picks import (
+    PartGrasp,
+    PartType,
+    Picks,
+    ReachRegion,
+    Tool,
+    propose_grasps,
+    reach_map,
+    read_picks,
+    tool_orientations,
+)
 from pinproof.spatial import SE3, Array, pose
 
 ALUMINIUM = 2700.0
@@ -41,9 +59,9 @@ TRAY, BOARD, REST_GAP, MARGIN = 0.01, 0.03, 2e-4, 1e-3
 """Metres: the thickness of the tray, and of a table on the ground; the gap below a part, because its mesh is rounded;
 and the margin of the picks."""
 
-PROPOSED, GRASPS, DOWNWARDS = 400, 12, 0.7
-"""Numbers of grasps that are proposed for a part and kept for each pose of rest, and the least cosine of the angle
-between their approach and straight down in this pose."""
+PROPOSED, GRASPS, DOWNWARDS, RAISED = 2000, 16, 0.7, 8e-3
+"""Numbers of grasps that are proposed for a part and kept for each pose of rest, the least cosine of the angle between
+their approach and straight down in this pose, and how far (m) they are raised at most."""
 
 TRIED = 8
 """Number of areas that are tried with the complete scene."""
@@ -214,7 +232,8 @@ def new_cell(
         arm = own.load_arm()
 
         # The part types with their grasps, and where the parts lie
-        types = [_part_type(piece, own, arm, hand.opening, relative, density, rng) for piece in pieces]
+        points = hand_points(arm, own)
+        types = [_part_type(piece, own, arm, points, relative, density, rng) for piece in pieces]
         chosen = [
             (f"{piece.name}_{number + 1}", piece, rests[number % len(rests)])
             for number in range(count)
@@ -250,7 +269,7 @@ def _part_type(
     piece: Workpiece,
     tool: Tool,
     arm: Arm,
-    opening: float,
+    hand: tuple[Array, Array],
     relative: Callable[[Path], str],
     density: float,
     rng: int,
@@ -258,12 +277,6 @@ def _part_type(
     """The part type as text of the picks file, and the poses of rest in which the tool grasps it from above."""
     mass, centre = round(piece.mesh.volume * density, 6), piece.mesh.center_mass.round(6)
     hint = f"or state its unit with --unit (unit=): {piece.described}"
-    if 0.0 < opening < piece.narrowest:
-        wide, most = 1e3 * piece.narrowest, 1e3 * opening
-        raise InputError(
-            f"{piece.path}: the part is at least {wide:.3g} mm wide, but the hand opens to {most:.3g} mm; use another "
-            f"tool (--tool, tool=), {hint}"
-        )
     # The mass, if torques are known for it
     text, row = f"{piece.described}.", {"mesh": {"path": relative(piece.path), "scale": piece.scale}}
     try:
@@ -279,26 +292,47 @@ def _part_type(
         row |= {"mass": mass, "center_of_mass": centre}
         text += f" Assumed: the mass is that of {density:g} kg/m^3; state the true one."
     # The best grasps for each pose of rest in which some come from above
-    part = PartType(name=piece.name, shape=Mesh(piece.path, piece.scale))
-    proposed = propose_grasps(part, tool, count=PROPOSED, rng=rng).grasps
-    down = {
-        rest: [
-            k for k, g in enumerate(proposed) if -(rest.plane_from_part.rotation @ g.pose.rotation)[2, 2] > DOWNWARDS
-        ]
-        for rest in piece.rests
-    }
-    rests = [rest for rest, found in down.items() if found]
+    try:
+        part = PartType(name=piece.name, shape=Mesh(piece.path, piece.scale))
+        proposed = propose_grasps(part, tool, arm=arm, count=PROPOSED, rng=rng)
+    except InputError as error:
+        raise InputError(f"{piece.path}: {error}; use another tool (--tool, tool=), {hint}") from error
+    from_above = [_from_above(proposed.grasps, rest.plane_from_part, hand) for rest in piece.rests]
+    rests = [rest for rest, found in zip(piece.rests, from_above, strict=True) if found]
     if not rests:
         raise InputError(
             f"{piece.path}: the tool grasps the part from above in none of the {len(piece.rests)} poses in which it "
-            f"rests ({len(proposed)} grasps from other sides were found); use another tool (--tool, tool=), {hint}"
+            f"rests ({len(proposed.grasps)} grasps from other sides were found); use another tool (--tool, tool=), "
+            f"{hint}"
         )
     shares = ", ".join(f"{100 * rest.share:.0f} %" for rest in rests)
     text += f" It rests in {len(rests)} poses (probability {shares}); the grasps from above in them, the best first:"
-    kept = sorted({k for rest in rests for k in down[rest][:GRASPS]})
-    rows = "".join(f"      - {_flow({'name': f'grasp_{k + 1}', **stated_pose(proposed[k].pose)})}\n" for k in kept)
+    rows = ""
+    for number, (k, raised) in enumerate(sorted(set().union(*from_above), key=lambda grasp: grasp[::-1]), 1):
+        pose_of_tip = proposed.grasps[k].pose * pose([0.0, 0.0, -raised])
+        row_of_grasp = {**proposed.stated()[k], "name": f"grasp_{number}", **stated_pose(pose_of_tip)}
+        rows += f"      - {_flow(row_of_grasp)}\n"
     keys = "".join(f"    {key}: {_flow(value)}\n" for key, value in row.items())
     return f"{_comment(text, '  ')}  {piece.name}:\n{keys}    grasps:\n{rows}", rests
+
+
+def _from_above(
+    grasps: Sequence[PartGrasp], plane_from_part: SE3, hand: tuple[Array, Array]
+) -> list[tuple[int, float]]:
+    """The best grasps from above in a pose of rest: their indices, and how far (m) each is raised along its approach.
+
+    A grasp is raised until the open hand, or the hand at any opening, is above the plane; whether it then still holds
+    the part is judged with the pick. ``hand`` are points of both in the frame of the tip.
+    """
+    found = []
+    for k, grasp in enumerate(grasps):
+        tip = plane_from_part * grasp.pose
+        up = tip.rotation[2]
+        for points in hand if up[2] < -DOWNWARDS else ():
+            missing = MARGIN - float((points @ up).min() + tip.translation[2])
+            if (raised := round(max(missing, 0.0) / -up[2], 4)) <= RAISED:
+                found.append((k, raised))
+    return sorted(set(found), key=lambda grasp: grasp[::-1])[:GRASPS]
 
 
 def _lay_out(
@@ -352,10 +386,10 @@ def _settle(
 
     The result is ``root_from_area``, the home and the reason for it, and the length of the lines.
     """
-    hand = {"margin": MARGIN, "attached": tool.open_tool}
+    bare = CollisionChecker(arm, margin=MARGIN, attached=tool.open_tool)
     around = float(np.max([-layout.size / 2 - layout.table[0], layout.table[1] - layout.size / 2]))
     for lift in LIFTS:
-        if areas := work_areas(CollisionChecker(arm, **hand), tool.tip, layout.size, lift, around, rng):
+        if areas := work_areas(bare, tool.tip, layout.size, lift, around, rng):
             break
     else:
         sides = " x ".join(f"{side:.2f}" for side in layout.size)
@@ -370,7 +404,7 @@ def _settle(
         text = _scene_text(arm, layout, box, area, relative)
         write_text_whole(file, text)
         scene = Scene.load(file)
-        found = find_home(CollisionChecker(arm, scene, **hand), tool.tip, area, lift, rng)
+        found = find_home(bare.with_spec(replace(bare.spec, scene=scene)), tool.tip, area, lift, rng)
         if found is None:
             continue
         tops = [
@@ -378,7 +412,7 @@ def _settle(
             for part in layout.parts
             for placed in (part.at, part.to)
         ]
-        empty = CollisionChecker(arm, scene.remove(*(part.name for part in layout.parts)), **hand)
+        empty = bare.with_spec(replace(bare.spec, scene=scene.remove(*(part.name for part in layout.parts))))
         region = ReachRegion(np.array([top.translation for top in tops]))
         reached = reach_map(empty, region, tool_orientations(spins=8), tip=tool.tip, rng=rng)
         count = int(reached.free.any(axis=1).sum())
@@ -418,7 +452,7 @@ def _scene_text(
             {"name": "floor", **ground},
         ),
         (
-            f"Assumed: a table at {height:g} m, where the tip reaches all parts from above. Replace it by the true one.",
+            f"Assumed: a table at {height:g} m, where the tip reaches all parts from above. State yours instead.",
             board("table", layout.table, min(floor - height, -BOARD), 0.0),
         ),
         ("Assumed: a tray for the parts.", board("tray", layout.tray, 0.0, TRAY)),
@@ -427,7 +461,7 @@ def _scene_text(
         rows.append((f"{box.described}.", mesh("bin", box, layout.bin_at, BIN_COLOUR)))
     names = list(dict.fromkeys(part.piece.name for part in layout.parts))
     for part in layout.parts:
-        text = f"{part.piece.described}. It rests so with a probability of {100 * part.rest.share:.0f} %; turned at random."
+        text = f"{part.piece.described}. It rests so with a probability of {100 * part.rest.share:.0f} %."
         colour = PART_COLOURS[names.index(part.piece.name) % len(PART_COLOURS)]
         rows.append((text, mesh(part.name, part.piece, part.at, colour)))
     listed = "".join(f"{_comment(why, '  ')}  - {_flow(row)}\n" for why, row in rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from pinproof.collision import CollisionChecker, LineSurface, body_distance, lin
 from pinproof.description import moved_by
 from pinproof.ik import Clik
 from pinproof.model import Arm
-from pinproof.picks import ReachRegion, reach_map, tool_orientations
+from pinproof.picks import ReachRegion, Tool, reach_map, tool_orientations
 from pinproof.spatial import SE3, Array, pose, xyz_rpy
 
 LEAST_OPENING, VALUES = 1e-3, 9
@@ -20,6 +21,9 @@ LEAST_OPENING, VALUES = 1e-3, 9
 AT_TIP, NEAR_TCP, LEAST_TOOL = 3e-3, 5e-3, 0.02
 """Metres: depth of the end of a tool that is the face of its cup, the largest distance of this end from the tcp, and
 the least length of a tool; a shorter link is a mark of the tcp."""
+
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the range of gripper joints at which the hand is regarded."""
 
 LANCE, LANCE_CUP = 0.1, (2e-3, 1e-2)
 """Metres: the length of the suction lance of a bare flange, and the least and largest radius of its cup."""
@@ -38,6 +42,46 @@ CLEAR = 0.05
 """Metres: a home is no better with more clearance."""
 
 
+class HandLinks:
+    """The links behind the last joint of an arm, the ``flange`` included, with the hulls of their bodies."""
+
+    def __init__(self, arm: Arm) -> None:
+        urdf, joints = arm.robot.urdf, (*arm.joint_names, *arm.followers)
+        carrier = moved_by(urdf, arm.tcp, joints)
+        self.flange = urdf.joints[carrier].child
+        self.bodies: dict[str, list[tuple[LineSurface, SE3]]] = {}
+        for geometry in urdf.collisions:
+            if moved_by(urdf, geometry.link, joints) == carrier:
+                own = [(LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "hull")]
+                self.bodies.setdefault(geometry.link, []).extend(own)
+
+    def placed(self, arm: Arm, link: str) -> list[tuple[LineSurface, SE3]]:
+        """The bodies of a link with ``tcp_from_body``, for an arm with any values of its other joints."""
+        tcp_from_link = arm.forward_kinematics(arm.home).actInv(arm.frame_placement(arm.home, link))
+        return [(surface, tcp_from_link * at) for surface, at in self.bodies[link]]
+
+    def points(self, arm: Arm, links: Iterable[str]) -> Array:
+        """(N, 3) points in the frame of the tcp whose hull contains links."""
+        placed = [body for link in links for body in self.placed(arm, link)]
+        return np.concatenate([np.empty((0, 3)), *(_points(*body) for body in placed)])
+
+
+def _points(surface: LineSurface, at: SE3) -> Array:
+    return outer_points(surface) @ at.rotation.T + at.translation
+
+
+def hand_points(arm: Arm, tool: Tool) -> tuple[Array, Array]:
+    """(N, 3) points in the frame of the tip whose hull contains the open hand, and those of it at any opening."""
+    links, joints = HandLinks(arm), arm.robot.urdf.joints
+    ends = {name: (joints[name].lower or 0.0, joints[name].upper or 0.0) for name in tool.grip}
+    arms = [arm.with_held({name: low + share * (high - low) for name, (low, high) in ends.items()}) for share in SHARES]
+    bodies = [_points(LineSurface.of_obstacle(body), body.pose) for body in tool.open_tool]
+    open_hand = np.concatenate([links.points(arm, links.bodies), *bodies])
+    every = np.concatenate([open_hand, *(links.points(each, links.bodies) for each in arms)])
+    back = tool.tip.inverse()
+    return open_hand @ back.rotation.T + back.translation, every @ back.rotation.T + back.translation
+
+
 class OwnHand(NamedTuple):
     """The hand of a robot: keys of a tool file, why they are so, and the largest distance (m) of its fingers."""
 
@@ -53,30 +97,15 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
     largest that changes most. Without fingers, a link that is mounted on the flange and ends at the tcp is a suction
     cup. A bare flange is given a lance with a cup for parts of which the ``narrowest`` has this side (m).
     """
-    urdf, joints = arm.robot.urdf, (*arm.joint_names, *arm.followers)
-    carrier = moved_by(urdf, arm.tcp, joints)
-    flange = urdf.joints[carrier].child
-    bodies: dict[str, list[tuple[LineSurface, SE3]]] = {}
-    for geometry in urdf.collisions:
-        if moved_by(urdf, geometry.link, joints) == carrier:
-            own = [(LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "hull")]
-            bodies.setdefault(geometry.link, []).extend(own)
-
-    def placed(of: Arm, link: str) -> list[tuple[LineSurface, SE3]]:
-        tcp_from_link = of.forward_kinematics(of.home).actInv(of.frame_placement(of.home, link))
-        return [(surface, tcp_from_link * at) for surface, at in bodies[link]]
-
-    def points(of: Arm, link: str) -> Array:
-        return np.concatenate([[at.act(p) for p in outer_points(surface)] for surface, at in placed(of, link)])
-
+    urdf, links = arm.robot.urdf, HandLinks(arm)
     # Each joint outside the arm is moved through its range, and the distances of the links on it are measured
     leaders = [
         name
         for name in arm.held
         if (joint := urdf.joints[name]).mimic is None and None not in (joint.lower, joint.upper)
-        if any(moved_by(urdf, link, [name]) for link in bodies)
+        if any(moved_by(urdf, link, [name]) for link in links.bodies)
     ]
-    fingers = [link for link in bodies if moved_by(urdf, link, leaders)]
+    fingers = [link for link in links.bodies if moved_by(urdf, link, leaders)]
     keys: dict[str, Any] = {}
     why: dict[str, str] = {}
     opening, closing = 0.0, np.zeros(3)
@@ -89,7 +118,7 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
         distances = np.array(
             [
                 [
-                    min(body_distance(*one, *other) for one in placed(each, a) for other in placed(each, b))
+                    min(body_distance(*one, *other) for one in links.placed(each, a) for other in links.placed(each, b))
                     for each in arms
                 ]
                 for a, b in pairs
@@ -101,25 +130,25 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
         (a, b), measured = pairs[int(change.argmax())], distances[change.argmax()]
         widest = int(measured.argmax())
         opening = max(opening, float(measured[widest]))
-        closing = points(arms[widest], b).mean(axis=0) - points(arms[widest], a).mean(axis=0)
+        one, other = (links.points(arms[widest], [link]).mean(axis=0) for link in (a, b))
+        closing = other - one
         keys.setdefault("held", {})[name] = {"open": round(values[widest], 9)}
         narrow, wide = (f"{1e3 * max(float(value), 0.0):.3g}" for value in (measured.min(), measured.max()))
         text = f"{name} moves {a} and {b} from {narrow} to {wide} mm apart; the closed value follows from contact."
         why["held"] = f"{why.get('held', '')} {text}".strip()
 
     # The approach is along the axis of the tcp in which the hand extends from the last joint
-    last = arm.forward_kinematics(arm.home).actInv(arm.frame_placement(arm.home, flange)).translation
-    end = np.concatenate([points(arm, link) for link in fingers]).mean(axis=0) if "held" in keys else np.zeros(3)
+    last = arm.forward_kinematics(arm.home).actInv(arm.frame_placement(arm.home, links.flange)).translation
+    end = links.points(arm, fingers).mean(axis=0) if "held" in keys else np.zeros(3)
     axes = [axis for axis in (*np.eye(3), *-np.eye(3)) if abs(axis @ closing) <= 0.5 * np.linalg.norm(closing)]
     approach = max(axes, key=lambda axis: (round(float(axis @ (end - last)), 3), axis[2]))
     rotation, length = tool_orientations(approach, 1)[0], 0.0
-    mounted = [
-        link for link in bodies if link not in (*fingers, flange) and np.ptp(points(arm, link) @ approach) > LEAST_TOOL
-    ]
+    others = [link for link in links.bodies if link not in (*fingers, links.flange)]
+    mounted = [link for link in others if np.ptp(links.points(arm, [link]) @ approach) > LEAST_TOOL]
     if mounted:
         keys["gripper"], why["gripper"] = mounted, "Links of the hand that may touch the part, as its fingers may."
     if "held" not in keys and mounted:
-        ends = np.concatenate([points(arm, link) for link in mounted])
+        ends = links.points(arm, mounted)
         reach = ends @ approach
         if abs(reach.max()) < NEAR_TCP:
             face = ends[reach > reach.max() - AT_TIP]

@@ -6,8 +6,9 @@ import os
 import shutil
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,9 +34,9 @@ from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import TorqueLimits
 from pinproof.picks import (
-    PartGrasp,
     PartType,
     Picks,
+    ProposedGrasp,
     ReachRegion,
     Tool,
     propose_grasps,
@@ -43,7 +44,7 @@ from pinproof.picks import (
     read_picks,
     tool_orientations,
 )
-from pinproof.spatial import SE3, Array, pose
+from pinproof.spatial import SE3, Array, pose, rotation_about
 
 ALUMINIUM = 2700.0
 """kg/m^3: the density of parts by default."""
@@ -59,9 +60,12 @@ TRAY, BOARD, REST_GAP, MARGIN = 0.01, 0.03, 2e-4, 1e-3
 """Metres: the thickness of the tray, and of a table on the ground; the gap below a part, because its mesh is rounded;
 and the margin of the picks."""
 
-PROPOSED, GRASPS, DOWNWARDS, RAISED = 2000, 16, 0.7, 8e-3
-"""Numbers of grasps that are proposed for a part and kept for each pose of rest, the least cosine of the angle between
-their approach and straight down in this pose, and how far (m) they are raised at most."""
+PROPOSED, GRASPS = 2000, 10
+"""Numbers of grasps that are proposed for a part, and kept of the vertical and of the other ones in a pose of rest."""
+
+DOWNWARDS, VERTICAL, RAISED = 0.7, 1e-3, 8e-3
+"""The least cosine of the angle between an approach and straight down, the sine up to which it is vertical, and how far
+(m) a grasp is raised at most."""
 
 TRIED = 8
 """Number of areas that are tried with the complete scene."""
@@ -297,7 +301,7 @@ def _part_type(
         proposed = propose_grasps(part, tool, arm=arm, count=PROPOSED, rng=rng)
     except InputError as error:
         raise InputError(f"{piece.path}: {error}; use another tool (--tool, tool=), {hint}") from error
-    from_above = [_from_above(proposed.grasps, rest.plane_from_part, hand) for rest in piece.rests]
+    from_above = [_from_above(proposed, rest.plane_from_part, hand) for rest in piece.rests]
     rests = [rest for rest, found in zip(piece.rests, from_above, strict=True) if found]
     if not rests:
         raise InputError(
@@ -307,32 +311,43 @@ def _part_type(
         )
     shares = ", ".join(f"{100 * rest.share:.0f} %" for rest in rests)
     text += f" It rests in {len(rests)} poses (probability {shares}); the grasps from above in them, the best first:"
-    rows = ""
-    for number, (k, raised) in enumerate(sorted(set().union(*from_above), key=lambda grasp: grasp[::-1]), 1):
-        pose_of_tip = proposed.grasps[k].pose * pose([0.0, 0.0, -raised])
-        row_of_grasp = {**proposed.stated()[k], "name": f"grasp_{number}", **stated_pose(pose_of_tip)}
-        rows += f"      - {_flow(row_of_grasp)}\n"
+    grasps = [
+        {**proposed.stated()[k], "name": f"grasp_{number}", **stated_pose(part_from_tip)}
+        for number, (k, part_from_tip) in enumerate((grasp for found in from_above for grasp in found), 1)
+    ]
+    rows = "".join(f"      - {_flow(grasp)}\n" for grasp in grasps)
     keys = "".join(f"    {key}: {_flow(value)}\n" for key, value in row.items())
     return f"{_comment(text, '  ')}  {piece.name}:\n{keys}    grasps:\n{rows}", rests
 
 
 def _from_above(
-    grasps: Sequence[PartGrasp], plane_from_part: SE3, hand: tuple[Array, Array]
-) -> list[tuple[int, float]]:
-    """The best grasps from above in a pose of rest: their indices, and how far (m) each is raised along its approach.
+    proposed: Iterable[ProposedGrasp], plane_from_part: SE3, hand: tuple[Array, Array]
+) -> list[tuple[int, SE3]]:
+    """Grasps from above in a pose of rest: the numbers of proposals, and ``part_from_tip``.
 
-    A grasp is raised until the open hand, or the hand at any opening, is above the plane; whether it then still holds
-    the part is judged with the pick. ``hand`` are points of both in the frame of the tip.
+    A grasp of two fingers is also turned about the middle of its contacts until it is vertical. Each is raised until
+    the open hand, and the hand at any opening, is above the plane. Whether these grasps hold the part is judged with
+    the picks. ``hand`` are points of the open hand, and of the hand at any opening, in the frame of the tip.
     """
-    found = []
-    for k, grasp in enumerate(grasps):
-        tip = plane_from_part * grasp.pose
-        up = tip.rotation[2]
-        for points in hand if up[2] < -DOWNWARDS else ():
-            missing = MARGIN - float((points @ up).min() + tip.translation[2])
-            if (raised := round(max(missing, 0.0) / -up[2], 4)) <= RAISED:
-                found.append((k, raised))
-    return sorted(set(found), key=lambda grasp: grasp[::-1])[:GRASPS]
+    found: dict[bool, list[tuple[float, int, SE3]]] = {True: [], False: []}
+    for k, proposal in enumerate(proposed):
+        tip = plane_from_part * proposal.grasp.pose
+        tilt = np.cross(tip.rotation[:, 2], [0.0, 0.0, -1.0])
+        if tip.rotation[2, 2] > -DOWNWARDS:
+            continue
+        ways = [tip]
+        if len(proposal.contacts) > 1 and (sine := float(np.linalg.norm(tilt))) > VERTICAL:
+            middle = plane_from_part.act(proposal.contacts.mean(axis=0))
+            turn = SE3(rotation_about(tilt / sine, float(np.arcsin(min(sine, 1.0)))), np.zeros(3))
+            ways.append(SE3(np.eye(3), middle) * turn * SE3(np.eye(3), -middle) * tip)
+        for way, points in product(ways, hand):
+            up = way.rotation[2]
+            raised = max(MARGIN - float((points @ up).min() + way.translation[2]), 0.0) / -up[2]
+            if raised <= RAISED:
+                placed = plane_from_part.inverse() * way * pose([0.0, 0.0, -raised])
+                found[up[2] < -1.0 + VERTICAL**2].append((raised, k, placed))
+    kept = [sorted(grasps, key=lambda grasp: grasp[:2])[:GRASPS] for grasps in found.values()]
+    return [(k, placed) for grasps in kept for _, k, placed in grasps]
 
 
 def _lay_out(

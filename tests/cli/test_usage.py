@@ -15,6 +15,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.cli import pick
@@ -232,7 +233,7 @@ BEFORE = 'plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.ya
 NEGATIVE = {"pick": 1, "cell place": 1, "cell tolerance": 1}
 """Exit codes of examples with a negative result: some of the bolts cannot be picked."""
 
-LONG = ("sequence", "place_base", "validate_picks", "cell.allocate", "cell.tolerance_study")
+LONG = ("sequence", "place_base", "validate_picks", "cell.allocate", "cell.new_cell", "cell.tolerance_study")
 """Functions whose results the second run of an example uses again."""
 
 
@@ -253,6 +254,7 @@ def test_the_example_of_a_command_runs_and_prints_one_document_with_json(
     shutil.copytree(ROOT / "robots", "robots")
     if command in ("certify", "export"):
         run.prints(*shlex.split(BEFORE))
+    trimesh.creation.box((0.05, 0.03, 0.03)).export("block.stl")
     lines = [line.strip() for line in (COMMANDS[command].__doc__ or "").splitlines()]
     (example,) = (line.removeprefix("Example: pinproof ") for line in lines if line.startswith("Example: "))
     code = NEGATIVE.get(command, 0)

@@ -38,7 +38,7 @@ def new_cell(
 
     Exit code 1 if not all picks are good; the files are written in any case.
 
-    Example: pinproof new cell panda parts/*.stl --bin bin.stl -o my_cell
+    Example: pinproof new cell ur5 block.stl -o my_cell
     """
     with progress_status("laying out the cell"):
         made = pp.cell.new_cell(
@@ -71,7 +71,7 @@ def new_cell(
     # The picks are checked as by pinproof pick
     with progress_bar(f"checking {output / 'picks.yaml'}") as show:
         report = judge_file(output / "picks.yaml", seed=seed, progress=lambda done, total: show("picks", done, total))
-    (output / "report").mkdir()
+    (output / "report").mkdir(exist_ok=True)
     report.save_folder(output / "report")
     if as_json:
         print_json({**data, "report": report.to_dict()})

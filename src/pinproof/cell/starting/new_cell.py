@@ -251,11 +251,11 @@ def new_cell(
         text += f"{_comment(f'Where motions start: {why}.')}home: {_flow(named)}\n"
         text += f"tools: {{hand: {'tool.yaml' if tool is None else relative(tool)}}}\nparts:\n"
         text += "".join(part for part, _ in types)
-        lines = {"approach": lift, "retreat": lift}
-        text += f"{_comment('Assumed: the lengths of the straight lines.')}defaults: {_flow(lines)}\n"
+        ends = {"approach": lift, "retreat": lift}
+        text += f"{_comment('Assumed: the lengths of the straight lines.')}defaults: {_flow(ends)}\n"
         text += f"{_comment('Each part is put onto the tray, in the pose in which it rests.')}picks:\n"
         for part in layout.parts:
-            place = {"object_pose": stated_pose(area * part.to), **lines}
+            place = {"object_pose": stated_pose(area * part.to), **ends}
             text += f"  - {_flow({'name': part.name, 'part': part.piece.name, 'object': part.name, 'place': place})}\n"
         write_text_whole(made / "picks.yaml", text)
         read_picks(made / "picks.yaml")  # before the folder is moved
@@ -266,7 +266,14 @@ def new_cell(
         shutil.rmtree(made, ignore_errors=True)
     picks = read_picks(folder / "picks.yaml")
     sizes = [piece.described for piece in (*pieces, *([] if box is None else [box]))]
-    return NewCell(folder, arm, picks.load_scene(), picks, home, (*sizes, *hand.why.values(), f"Home: {why}."))
+    return NewCell(
+        folder,
+        arm,
+        picks.load_scene(),
+        picks,
+        home,
+        (*sizes, *(f"{key}: {text}" for key, text in hand.why.items()), f"home: {why}"),
+    )
 
 
 def _part_type(
@@ -311,8 +318,9 @@ def _part_type(
         )
     shares = ", ".join(f"{100 * rest.share:.0f} %" for rest in rests)
     text += f" It rests in {len(rests)} poses (probability {shares}); the grasps from above in them, the best first:"
+    stated = proposed.stated()
     grasps = [
-        {**proposed.stated()[k], "name": f"grasp_{number}", **stated_pose(part_from_tip)}
+        {**stated[k], "name": f"grasp_{number}", **stated_pose(part_from_tip)}
         for number, (k, part_from_tip) in enumerate((grasp for found in from_above for grasp in found), 1)
     ]
     rows = "".join(f"      - {_flow(grasp)}\n" for grasp in grasps)

@@ -128,7 +128,7 @@ def free_floor(bin: Workpiece) -> tuple[Array, Array, float]:  # noqa: A002  # a
     x, y = (np.arange(a + step / 2, b, step) for a, b in zip(low[:2], high[:2], strict=True))
     above = np.stack([*np.meshgrid(x, y, [high[2] + 1.0], indexing="ij")], axis=-1).reshape(-1, 3)
     hits, rays, _ = bin.mesh.ray.intersects_location(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))
-    surface = np.full(len(above), -np.inf)
+    surface: Array = np.full(len(above), -np.inf)
     np.maximum.at(surface, rays, hits[:, 2])
     surface = np.where(np.isfinite(surface), surface, high[2]).reshape(len(x), len(y))
     floor = float(surface.min())

@@ -251,7 +251,8 @@ def test_fingers_are_open_where_they_are_farthest_apart(tmp_path: Path, at: floa
 
 def test_a_link_on_the_flange_that_ends_at_the_tcp_is_a_cup(tmp_path: Path) -> None:
     hand = recognise_hand(scara(tmp_path, CUP), 0.02)
-    assert set(hand.keys) == {"gripper", "cup"}
+    assert set(hand.keys) == {"gripper", "cup", "tip"}
+    np.testing.assert_allclose(hand.keys["tip"]["xyz"], 0.0, atol=1e-6)
     assert hand.keys["cup"]["radius"] == pytest.approx(0.015, rel=0.05)
 
 

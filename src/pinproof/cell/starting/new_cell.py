@@ -295,13 +295,17 @@ def _part_type(
     except InputError as error:
         text += f" Its mass, {mass:.4g} kg with {density:g} kg/m^3, is not stated: {error}."
     else:
-        if (np.abs(arm.torques(arm.home, payload=payload)) > limits).any():
+        empty, loaded = (np.abs(arm.torques(arm.home, payload=carried)) for carried in (None, payload))
+        if ((loaded > limits) & (empty <= limits)).any():
             raise InputError(
                 f"{piece.path}: with {density:g} kg/m^3 the part has {mass:.4g} kg, which the arm cannot hold; state "
                 f"its density with --density (density=), {hint}"
             )
-        row |= {"mass": mass, "center_of_mass": centre}
-        text += f" Assumed: the mass is that of {density:g} kg/m^3; state the true one."
+        if (empty <= limits).all():
+            row |= {"mass": mass, "center_of_mass": centre}
+            text += f" Assumed: the mass is that of {density:g} kg/m^3; state the true one."
+        else:
+            text += f" Its mass, {mass:.4g} kg, is not stated: the torque limits do not hold the empty arm at its home."
     # The best grasps for each pose of rest in which some come from above
     try:
         part = PartType(name=piece.name, shape=Mesh(piece.path, piece.scale))

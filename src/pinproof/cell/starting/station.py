@@ -10,6 +10,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pinproof.collision import CollisionChecker, LineSurface, body_distance, link_bodies, outer_points
 from pinproof.description import moved_by
+from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import Arm
 from pinproof.picks import ReachRegion, Tool, reach_map, tool_orientations
@@ -18,9 +19,12 @@ from pinproof.spatial import SE3, Array, pose, xyz_rpy
 LEAST_OPENING, VALUES = 1e-3, 9
 """Metres by which a gripper joint changes the distance of two links, measured at this number of its values."""
 
-AT_TIP, NEAR_TCP, LEAST_TOOL = 3e-3, 5e-3, 0.02
-"""Metres: depth of the end of a tool that is the face of its cup, the largest distance of this end from the tcp, and
-the least length of a tool; a shorter link is a mark of the tcp."""
+MOST_JOINTS = 3
+"""Largest number of joints of a hand that is a gripper."""
+
+AT_TIP, MOST_CUP, LEAST_TOOL = 3e-3, 0.05, 0.02
+"""Metres: the depth of the end of a tool that is its face, the largest radius of a face that is a cup, and the least
+length of a tool; a shorter link is a mark of the tcp."""
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares of the range of gripper joints at which the hand is regarded."""
@@ -46,12 +50,12 @@ class HandLinks:
     """The links behind the last joint of an arm, the ``flange`` included, with the hulls of their bodies."""
 
     def __init__(self, arm: Arm) -> None:
-        urdf, joints = arm.robot.urdf, (*arm.joint_names, *arm.followers)
-        carrier = moved_by(urdf, arm.tcp, joints)
-        self.flange = urdf.joints[carrier].child
+        urdf, self.joints = arm.robot.urdf, (*arm.joint_names, *arm.followers)
+        self.carrier = moved_by(urdf, arm.tcp, self.joints)
+        self.flange = urdf.joints[self.carrier].child
         self.bodies: dict[str, list[tuple[LineSurface, SE3]]] = {}
         for geometry in urdf.collisions:
-            if moved_by(urdf, geometry.link, joints) == carrier:
+            if moved_by(urdf, geometry.link, self.joints) == self.carrier:
                 own = [(LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "hull")]
                 self.bodies.setdefault(geometry.link, []).extend(own)
 
@@ -94,8 +98,8 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
     """The hand that the description of a robot has behind the last joint of an arm.
 
     Fingers are links of the hand that a joint outside the arm moves: it is open where the distance of the two links is
-    largest that changes most. Without fingers, a link that is mounted on the flange and ends at the tcp is a suction
-    cup. A bare flange is given a lance with a cup for parts of which the ``narrowest`` has this side (m).
+    largest that changes most. Without fingers, a link that is mounted on the flange ends in the tip, with a suction cup
+    if it is narrow there. A bare flange is given a lance with a cup for parts with this ``narrowest`` side (m).
     """
     urdf, links = arm.robot.urdf, HandLinks(arm)
     # Each joint outside the arm is moved through its range, and the distances of the links on it are measured
@@ -103,8 +107,14 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
         name
         for name in arm.held
         if (joint := urdf.joints[name]).mimic is None and None not in (joint.lower, joint.upper)
+        if moved_by(urdf, joint.parent, links.joints) == links.carrier
         if any(moved_by(urdf, link, [name]) for link in links.bodies)
     ]
+    if len(leaders) > MOST_JOINTS:
+        raise InputError(
+            f"the hand of {arm.robot.name!r} has {len(leaders)} joints; only grippers with at most "
+            f"{MOST_JOINTS} are recognised, so state the fingers in a tool file (--tool, tool=)"
+        )
     fingers = [link for link in links.bodies if moved_by(urdf, link, leaders)]
     keys: dict[str, Any] = {}
     why: dict[str, str] = {}
@@ -149,23 +159,22 @@ def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
         keys["gripper"], why["gripper"] = mounted, "Links of the hand that may touch the part, as its fingers may."
     if "held" not in keys and mounted:
         ends = links.points(arm, mounted)
-        reach = ends @ approach
-        if abs(reach.max()) < NEAR_TCP:
-            face = ends[reach > reach.max() - AT_TIP]
-            radius = round(float(np.linalg.norm(face - np.outer(face @ approach, approach), axis=1).max()), 6)
-            keys["cup"], why["cup"] = (
-                {"radius": radius},
-                f"The end of {mounted[-1]} at the tcp is taken as a suction cup.",
-            )
+        length = round(float((ends @ approach).max()), 6)
+        face = ends[ends @ approach > length - AT_TIP]
+        radius = round(float(np.linalg.norm(face - np.outer(face @ approach, approach), axis=1).max()), 6)
+        why["tip"] = f"The end of {mounted[-1]}; its z axis is the direction of the approach."
+        if radius <= MOST_CUP:
+            keys["cup"], why["cup"] = {"radius": radius}, f"The end of {mounted[-1]} is taken as a suction cup."
     elif "held" not in keys:
         length, radius = LANCE, round(float(np.clip(narrowest / 4, *LANCE_CUP)), 6)
         body = {"cylinder": {"radius": radius, "length": LANCE}, **stated_pose(SE3(rotation, LANCE / 2 * approach))}
         keys["tool"], keys["cup"] = [{"name": "lance", **body}], {"radius": radius}
         why["tool"] = "Assumed, because the robot has no tool: a suction lance. State your tool with --tool."
         why["cup"] = "Its cup has a quarter of the narrowest side of the parts as its radius, from 2 to 10 mm."
-    if length or approach[2] < 0.5:
+        why["tip"] = "The end of the lance; its z axis is the direction of the approach."
+    if "held" not in keys or approach[2] < 0.5:
         keys["tip"] = stated_pose(SE3(rotation, length * approach))
-        why["tip"] = "The end of the tool; its z axis is the direction of the approach."
+        why.setdefault("tip", "Its z axis is the direction of the approach.")
     return OwnHand(keys, why, opening)
 
 

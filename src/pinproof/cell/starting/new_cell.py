@@ -292,10 +292,10 @@ def _part_type(
     text, row = f"{piece.described}.", {"mesh": {"path": relative(piece.path), "scale": piece.scale}}
     try:
         limits = TorqueLimits(arm, payload := Payload(mass, centre)).limits
+        empty, loaded = (np.abs(arm.torques(arm.home, payload=carried)) for carried in (None, payload))
     except InputError as error:
         text += f" Its mass, {mass:.4g} kg with {density:g} kg/m^3, is not stated: {error}."
     else:
-        empty, loaded = (np.abs(arm.torques(arm.home, payload=carried)) for carried in (None, payload))
         if ((loaded > limits) & (empty <= limits)).any():
             raise InputError(
                 f"{piece.path}: with {density:g} kg/m^3 the part has {mass:.4g} kg, which the arm cannot hold; state "

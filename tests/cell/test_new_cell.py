@@ -19,6 +19,8 @@ from pinproof.cell.starting.workpieces import Workpiece, arrange, free_floor
 from pinproof.errors import FileError, InputError, MeshError
 from pinproof.picks import Tool
 
+from ..pages import run_main
+
 
 def link(name: str, at: str, shape: str) -> str:
     body = f'<collision><origin xyz="{at}"/><geometry><{shape}/></geometry></collision>'
@@ -155,6 +157,25 @@ def test_the_home_is_free_and_the_picks_are_good(made: NewCell) -> None:
     )
     report = pp.validate_picks(made.arm, made.scene, made.picks, rng=0)
     assert len(report.good) == 4
+
+
+def test_the_command_makes_a_cell_of_an_own_robot_with_fingers_and_an_srdf(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pinproof.cell.starting.new_cell.PROPOSED", 200)
+    scara(tmp_path, JAWS)
+    mesh_file(tmp_path, "block.stl", trimesh.creation.box((40.0, 25.0, 20.0)))
+    code, out, _ = run_main("new", "cell", "scara.urdf", "block.stl", "--tcp", "tip", "-o", "made")
+    assert code == 0, out
+    picks = pp.read_picks("made/picks.yaml")
+    assert picks.load_arm().held["jaw"] == 0.03
+    assert picks.srdf is not None
+    assert {pair.reason for pair in pp.load_robot("scara.urdf", srdf=picks.srdf).srdf.disabled} <= {
+        "Adjacent",
+        "Always",
+    }
+    assert {path.name for path in (tmp_path / "made" / "report").iterdir()} > {"report.html", "block_1.program.json"}
 
 
 @pytest.mark.slow

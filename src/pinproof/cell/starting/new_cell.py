@@ -249,6 +249,8 @@ def new_cell(
         text = f"{HEAD.format('; each comment states what was recognised or assumed')}{head}scene: scene.yaml\n"
         text += f"{_comment('Assumed: the smallest distance of any two bodies.')}margin: {MARGIN:g}\n"
         text += f"{_comment(f'Where motions start: {why}.')}home: {_flow(named)}\n"
+        if own.held:
+            text += f"{_comment('The open hand, with which motions start.')}held: {_flow(own.held)}\n"
         text += f"tools: {{hand: {'tool.yaml' if tool is None else relative(tool)}}}\nparts:\n"
         text += "".join(part for part, _ in types)
         ends = {"approach": lift, "retreat": lift}

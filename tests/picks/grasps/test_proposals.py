@@ -292,3 +292,11 @@ def test_page_shows_part_hand_and_contacts(found, tmp_path: Path) -> None:
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert all(word in text for word in ("finger 0", "finger 1", "palm 0", "contact 0", "contact 1"))
     assert text.count("<tr>") >= len(found["bracket"])
+
+
+def test_the_pads_of_stepped_fingers_are_at_their_tips() -> None:
+    joint = "panda_finger_joint1"
+    hand = Tool(robot="panda", tcp="panda_hand_tcp", held={joint: 0.04}, grip={joint: None}, gripper=("panda_hand",))
+    found = propose_grasps(pp.Box(0.05, 0.03, 0.03), hand, count=20)
+    assert len(found) == 20
+    assert {round(proposal.width, 3) for proposal in found} <= {0.03, 0.05}

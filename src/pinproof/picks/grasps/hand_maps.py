@@ -28,6 +28,10 @@ LEVELS = 25
 CELLS, FINEST = 96, 1e-3
 """Largest number of cells along a side of a map, and their smallest side (m)."""
 
+LEAST_PAD = 0.1
+"""Least area of the pads as a share of the largest area of equal distance: above the tips of stepped fingers, such as
+those of the Panda, the inner faces are larger and farther apart."""
+
 PAD_FLATNESS = 2e-4
 """Metres: the inner face of a finger belongs to its pad where it is recessed by no more than this."""
 
@@ -231,13 +235,13 @@ def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMa
             own = [body for body, is_first in zip(level, first, strict=True) if is_first is side]
             both.append([_first_met(own, grid, (0, 2), Y), -_first_met(own, grid, (0, 2), -Y)])
         low, high = both[0][1], both[1][0]
-        # The pads are the largest area over which the distance of the inner faces is equal
+        # The pads are the closest faces: an area over which the distance is equal, not small against the largest one
         gaps = np.where(np.isfinite(low) & np.isfinite(high), high - low, np.inf)
         inside = np.sort(gaps[np.isfinite(gaps)])
         if not len(inside):
             raise InputError("the fingers do not face each other: no line across the approach meets both")
         equal = np.searchsorted(inside, inside + PAD_FLATNESS, side="right") - np.arange(len(inside))
-        width = float(inside[equal.argmax()])
+        width = float(inside[(equal >= LEAST_PAD * equal.max()).argmax()])
         if width <= 0.0 and widths:
             break
         on_pad = (gaps >= width) & (gaps <= width + PAD_FLATNESS)

@@ -285,7 +285,7 @@ def test_order_that_failed_motions_suggest_does_not_raise_the_lower_bound(monkey
     certified, reported = StepMotions.certified, set[str]()
 
     def failing(self: StepMotions, step: SequencedPick) -> PickVerdict | MotionFailure:
-        name = step.job.pick.name
+        name = step.option.pick.name
         if name == "pick_0":
             return MotionFailure("transfer", "not certified")
         if name == first and name not in reported:

@@ -311,10 +311,10 @@ class Picks(RobotAndHand, Shown):
     @staticmethod
     def hand_key(pick: Pick) -> Hashable:
         """What the hand of a pick with one grasp depends on; None for the hand of the file."""
-        values = pick.hand_values()
-        if pick.tool is None and not any(values.values()):
+        values = [getattr(pick, name) for name in pick.VALUES]
+        if pick.tool is None and not any(values):
             return None
-        return pick.tool, *(tuple(sorted(stated.items())) for stated in values.values())
+        return pick.tool, *(tuple(sorted(stated.items())) for stated in values)
 
     def check_tools(self) -> None:
         """Check that the tools fit each other and the settings of the file.

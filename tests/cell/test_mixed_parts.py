@@ -65,7 +65,7 @@ def test_each_part_is_allocated_to_the_arm_that_has_its_tool(tmp_path: Path) -> 
     }
     attached = {body.name for motion in result.sequences["left"].motions for body in motion.attached}
     assert attached == {"left/finger_1", "left/finger_2", "block_1"}
-    assert "no grasps for cup" in next(each.reason for each in result.alone if each.arm == "right")
+    assert "unknown part 'block'" in next(each.reason for each in result.alone if each.arm == "right")
 
 
 def test_a_tool_that_no_robot_has_and_a_change_of_tools_are_refused(tmp_path: Path) -> None:

@@ -177,9 +177,11 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
     def joints(values: Hand | HandValues) -> dict[str, Any]:
         return {own: {full(name): at for name, at in getattr(values, own).items()} for own in ("held", "grip")}
 
+    mounted = (None, *own.tools)
+
     def of_part(part: PartType) -> PartType:
         """The part with the grasps that are for the tools of the arm."""
-        usable = [each for each in part.grasps if (each.tool or part.tool) in (None, *own.tools)]
+        usable = [each for each in part.grasps if (each.tool or part.tool) in mounted]
         return replace(part, grasps=tuple(replace(each, **joints(each)) for each in usable), **joints(part))
 
     if len(own.tools) > 1 and own.tool_change != "mounted":
@@ -193,7 +195,11 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
         problems=(),
         robots={},
         tools={name: in_cell(tool) for name, tool in own.tools.items()},
-        parts={name: of_part(part) for name, part in own.parts.items()},
+        parts={
+            name: of_part(part)
+            for name, part in own.parts.items()
+            if any((each.tool or part.tool) in mounted for each in part.grasps or (part,))
+        },
         home={full(joint): value for joint, value in own.home.items()},
         frames=picks.frames,
         margin=picks.margin,

@@ -300,3 +300,17 @@ def test_the_pads_of_stepped_fingers_are_at_their_tips() -> None:
     found = propose_grasps(pp.Box(0.05, 0.03, 0.03), hand, count=20)
     assert len(found) == 20
     assert {round(proposal.width, 3) for proposal in found} <= {0.03, 0.05}
+
+
+def test_pads_are_ahead_of_closer_faces_near_the_palm() -> None:
+    pad, knuckle = trimesh.creation.box((0.016, 0.008, 0.03)), trimesh.creation.box((0.016, 0.004, 0.01))
+    knuckle.apply_translation((0, -0.006, -0.03))
+    finger = trimesh.util.concatenate([pad, knuckle])
+    bodies = [
+        pp.Obstacle(f"finger_{number}", finger, pp.pose((0, sign * 0.008, -0.015), rpy=(0, 0, turn)))
+        for number, sign, turn in ((1, 1, 0.0), (2, -1, np.pi))
+    ]
+    fingers = pp.picks.GripperFingers(tuple(bodies), opening=0.06, grip=0.0)
+    found = propose_grasps(pp.Box(0.03, 0.04, 0.02), Tool(fingers=fingers), count=5)
+    assert found.hand.fingers.pads[0, 3] > -1e-3
+    assert found.hand.fingers.pads[0, 2] > -0.035

@@ -29,8 +29,8 @@ CELLS, FINEST = 96, 1e-3
 """Largest number of cells along a side of a map, and their smallest side (m)."""
 
 LEAST_PAD = 0.1
-"""Least area of the pads as a share of the largest area of equal distance: above the tips of stepped fingers, such as
-those of the Panda, the inner faces are larger and farther apart."""
+"""Least area of the pads as a share of the largest area of equal distance: behind the tips of stepped fingers, such as
+those of the Panda, the inner faces are larger and farther apart; behind those of a linkage, they may be closer."""
 
 PAD_FLATNESS = 2e-4
 """Metres: the inner face of a finger belongs to its pad where it is recessed by no more than this."""
@@ -235,13 +235,19 @@ def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMa
             own = [body for body, is_first in zip(level, first, strict=True) if is_first is side]
             both.append([_first_met(own, grid, (0, 2), Y), -_first_met(own, grid, (0, 2), -Y)])
         low, high = both[0][1], both[1][0]
-        # The pads are the closest faces: an area over which the distance is equal, not small against the largest one
+        # The pads are the faces that reach farthest ahead: an area over which the distance is equal, not a small one
         gaps = np.where(np.isfinite(low) & np.isfinite(high), high - low, np.inf)
-        inside = np.sort(gaps[np.isfinite(gaps)])
+        order = np.argsort(gaps, axis=None)[: int(np.isfinite(gaps).sum())]
+        inside, ahead = gaps.reshape(-1)[order], grid.middles()[order, 1]
         if not len(inside):
             raise InputError("the fingers do not face each other: no line across the approach meets both")
         equal = np.searchsorted(inside, inside + PAD_FLATNESS, side="right") - np.arange(len(inside))
-        width = float(inside[(equal >= LEAST_PAD * equal.max()).argmax()])
+        width, farthest, k = float(inside[0]), -np.inf, 0
+        while k < len(inside):
+            large = equal[k] >= LEAST_PAD * equal.max()
+            if large and (end := float(ahead[k : k + equal[k]].max())) > farthest + grid.step / 2:
+                width, farthest = float(inside[k]), end
+            k += int(equal[k]) if large else 1
         if width <= 0.0 and widths:
             break
         on_pad = (gaps >= width) & (gaps <= width + PAD_FLATNESS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -91,6 +93,13 @@ def test_the_hands_stay_at_the_part_within_the_proven_deviation(name, request):
     assert audit(motion.trajectory, motion.checker, step=0.02, measure=False).clean
 
 
+def test_the_angle_of_a_hand_follows_from_those_of_two_axes(over_the_post):
+    """It is that of the axis which turns more, or larger; at most the square root of the sum of both squares."""
+    (proven,) = over_the_post.deviations.values()
+    one, other = (proof.largest for proof in over_the_post.certificate.constraints[1:])
+    assert max(one, other) <= proven.rotation <= 1.0001 * np.hypot(one, other)
+
+
 def test_the_motion_keeps_the_limits_of_all_joints(over_the_post):
     motion, limits = over_the_post.trajectory, over_the_post.checker.group.limits
     t = np.linspace(0, motion.duration, 2000)
@@ -133,6 +142,10 @@ def test_the_proof_of_a_carried_part_is_verified_from_its_file(over_the_post, tm
     verdict = pp.verify_proof(*known, constraints)
     assert verdict.ok
     assert [row[1] <= row[2] for row in verdict.constraints] == [True] * 3
+    # Its bound is exact to first order too: the motions of both arms cancel, so that few intervals suffice
+    stated = json.loads((tmp_path / "carry.proof.json").read_text())["constraints"]
+    for row, proof in zip(stated, over_the_post.certificate.constraints, strict=True):
+        assert len(row["intervals"]) < 3 * proof.intervals
     # The same constraint relative to the base of the arm is another one
     other = pp.Within.box(constraints[0].base_from_region, (0, 0, 0), tolerance=2e-4)
     fixed = pp.Within(**{**vars(other), "arm": "right"})

@@ -94,7 +94,7 @@ def test_limits_of_a_cup_are_pull_off_friction_and_tilt(arm) -> None:
 PART = pp.Payload(0.5, (0.004, 0.003, 0.112), (0.002, 0.001, 0.0015))
 
 
-def newton_euler(arm: pp.Arm, trajectory: pp.Trajectory, count: int = 1000) -> np.ndarray:
+def newton_euler(arm: pp.Arm, trajectory: pp.Trajectory, count: int = 1000, fall: float = 9.81) -> np.ndarray:
     """(count, 6) the loads of the part by Pinocchio's accelerations of the frame of the tcp."""
     model = arm.model
     data, frame = model.createData(), model.getFrameId(arm.tcp)
@@ -104,8 +104,8 @@ def newton_euler(arm: pp.Arm, trajectory: pp.Trajectory, count: int = 1000) -> n
         pin.forwardKinematics(model, data, trajectory(t), trajectory.velocity(t), trajectory.acceleration(t))
         pin.updateFramePlacements(model, data)
         v, a = (f(model, data, frame, pin.LOCAL) for f in (pin.getFrameVelocity, pin.getFrameAcceleration))
-        fall = pin.Motion(data.oMf[frame].rotation.T @ [0, 0, -9.81], np.zeros(3))
-        load = body * (a - fall) + v.cross(body * v)
+        gravity = pin.Motion(data.oMf[frame].rotation.T @ [0, 0, -fall], np.zeros(3))
+        load = body * (a - gravity) + v.cross(body * v)
         loads.append([*load.linear, *load.angular])
     return np.array(loads)
 
@@ -144,6 +144,22 @@ def test_motion_that_is_slowed_by_the_excess_holds_at_every_sample(arm, seed) ->
     slow = motion.slowed(excess)
     assert limits.peak(slow).holds
     assert 0.99 < limits.shares(newton_euler(arm, slow)).max() <= 1.0 + SHARE
+
+
+def test_bound_covers_the_inside_of_a_long_piece(arm) -> None:
+    rng, inside = np.random.default_rng(0), 0
+    limits = HoldLimits(arm, PART, two_fingers(), gravity=(0, 0, -0.5))
+    for _ in range(12):
+        q = arm.home + rng.uniform(-1.5, 1.5, (2, 6))
+        motion = pp.Trajectory([0.0, rng.uniform(0.5, 1.0)], q, np.zeros((2, 6)), arm.joint_names)
+        shares = limits.shares(newton_euler(arm, motion, fall=0.5))
+        assert shares.max() <= limits.peak(motion).share <= 1.003 * shares.max()
+        inside += 0 < shares.argmax() < 999
+        tight = HoldLimits(arm, PART, two_fingers(FORCE * shares.max() / 1.01), gravity=(0, 0, -0.5))
+        slow = motion.slowed(float(tight.excess(motion).max()))
+        assert slow.duration > motion.duration
+        assert tight.shares(newton_euler(arm, slow, fall=0.5)).max() <= 1.0 + SHARE
+    assert inside >= 4
 
 
 def test_timing_is_as_fast_as_the_grip_allows(arm) -> None:

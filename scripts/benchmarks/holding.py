@@ -389,7 +389,7 @@ def run(options: Any) -> Results:
     """Both campaigns."""
     origin = provenance(options.seed)
     grasps = [
-        *grasp_rows(options.seed, options.grasps, 12, "12 points"),
+        *grasp_rows(options.seed, options.grasps, 8, "8 points"),
         *grasp_rows(options.seed, options.grasps // 100, 150, "150 points"),
     ]
     parts = {"grasps": grasps, "motions": motion_rows(options.seed, options.motions)}

@@ -59,6 +59,22 @@ def test_share_is_within_the_bracket_of_linear_programmes(arm) -> None:
         assert low * (1 - 1e-6) <= share <= high * (1 + 1e-3)
 
 
+def test_share_is_right_where_points_of_a_patch_need_no_friction(arm) -> None:
+    rng, done = np.random.default_rng(2), 0
+    while done < 198:  # of this grasp, the best direction is across a pad, up to rounding
+        _, contacts, wrench = random_grasp(rng, 12)
+        try:
+            limits = HoldLimits(arm, pp.Payload(1.0), contacts)
+        except InputError:
+            continue
+        done += 1
+        rng.normal(0, 0.1)
+    for change in 1.0 + 0.02 * rng.standard_normal((8, 6)):
+        (share,) = limits.shares([change * wrench])
+        low, high = (share_by_pyramids(contacts, change * wrench, inside=inside) for inside in (False, True))
+        assert low * (1 - 1e-6) <= share <= high * (1 + 1e-3)
+
+
 def test_limits_of_two_fingers_are_those_of_coulomb(arm) -> None:
     limits = HoldLimits(arm, pp.Payload(1.0), two_fingers())
     across_pads, along, torsion, couple = about(

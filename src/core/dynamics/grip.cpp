@@ -19,6 +19,9 @@ constexpr int kMaxPivots = 400;
 // Smallest entry of a column that may leave the basis.
 constexpr double kPivot = 1e-11;
 
+// Smallest square of the share of a vector across a normal whose direction is known.
+constexpr double kAcross = 1e-16;
+
 // By this share of its bound by the axes a wrench is displaced, because a basis is degenerate for wrenches in a plane of
 // symmetry. What a displacement may change is added to the bound.
 constexpr double kDisplaced = 1e-7;
@@ -117,7 +120,9 @@ double Grip::support(const Wrench& a, Wrench& at) const {
             const Lanes along = ux * n.x + uy * n.y + uz * n.z;
             across[k] = {ux - along * n.x, uy - along * n.y, uz - along * n.z};
             const auto& t = across[k];
-            sizes[k] = lanes_sqrt(t.x * t.x + t.y * t.y + t.z * t.z);
+            // where only rounding is left across the normal, its direction is unknown, and no friction is needed
+            const Lanes square = t.x * t.x + t.y * t.y + t.z * t.z;
+            sizes[k] = square > kAcross * (square + along * along) ? lanes_sqrt(square) : Lanes{};
             const Lanes values = along + contact.friction * sizes[k];
             const Lanes* shares = contact.shares.data() + k * contact.distributions;
             for (std::size_t d = 0; d < contact.distributions; ++d) totals[d] += values * shares[d];
@@ -133,7 +138,7 @@ double Grip::support(const Wrench& a, Wrench& at) const {
         for (std::size_t k = 0; k < contact.points.size(); ++k) {
             const auto& [x, y, z] = contact.points[k];
             const Lanes share = contact.most * contact.shares[k * contact.distributions + best];
-            const Lanes slip = contact.friction * share / lanes_max(sizes[k], all_lanes(1e-300));
+            const Lanes slip = sizes[k] > 0.0 ? contact.friction * share / sizes[k] : Lanes{};
             const Lanes gx = slip * across[k].x + share * n.x, gy = slip * across[k].y + share * n.y,
                         gz = slip * across[k].z + share * n.z;
             fx += gx, fy += gy, fz += gz;

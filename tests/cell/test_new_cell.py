@@ -121,6 +121,13 @@ def test_the_files_pass_their_schemas_and_load_again_with_equal_meaning(made: Ne
     assert {path.name for path in made.folder.parent.iterdir()} == {"block.stl", "plate.stl", "cell"}
 
 
+def test_the_grasps_of_a_part_differ(made: NewCell) -> None:
+    for part in made.picks.parts.values():
+        poses = [grasp.pose.homogeneous for grasp in part.grasps]
+        apart = [np.abs(one - other).max() for k, one in enumerate(poses) for other in poses[:k]]
+        assert min(apart, default=1.0) > 1e-9
+
+
 def test_every_key_that_was_assumed_has_a_comment(made: NewCell) -> None:
     assumed = {"picks.yaml": ("margin", "home", "  block", "defaults"), "tool.yaml": ("tool", "cup", "tip")}
     for name, keys in assumed.items():

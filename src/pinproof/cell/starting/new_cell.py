@@ -8,7 +8,6 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -323,7 +322,8 @@ def _part_type(
             f"{hint}"
         )
     shares = ", ".join(f"{100 * rest.share:.0f} %" for rest in rests)
-    text += f" It rests in {len(rests)} poses (probability {shares}); the grasps from above in them, the best first:"
+    poses = "1 pose" if len(rests) == 1 else f"{len(rests)} poses"
+    text += f" It rests in {poses} (probability {shares}); the grasps from above in them, the best first:"
     stated = proposed.stated()
     grasps = [
         {**stated[k], "name": f"grasp_{number}", **stated_pose(part_from_tip)}
@@ -354,12 +354,13 @@ def _from_above(
             middle = plane_from_part.act(proposal.contacts.mean(axis=0))
             turn = SE3(rotation_about(tilt / sine, float(np.arcsin(min(sine, 1.0)))), np.zeros(3))
             ways.append(SE3(np.eye(3), middle) * turn * SE3(np.eye(3), -middle) * tip)
-        for way, points in product(ways, hand):
+        for way in ways:
             up = way.rotation[2]
-            raised = max(MARGIN - float((points @ up).min() + way.translation[2]), 0.0) / -up[2]
-            if raised <= RAISED:
-                placed = plane_from_part.inverse() * way * pose([0.0, 0.0, -raised])
-                found[up[2] < -1.0 + VERTICAL**2].append((raised, k, placed))
+            lowest = (float((points @ up).min() + way.translation[2]) for points in hand)
+            for raised in {max(MARGIN - height, 0.0) / -float(up[2]) for height in lowest}:  # often the same for both
+                if raised <= RAISED:
+                    placed = plane_from_part.inverse() * way * pose([0.0, 0.0, -raised])
+                    found[up[2] < -1.0 + VERTICAL**2].append((raised, k, placed))
     kept = [sorted(grasps, key=lambda grasp: grasp[:2])[:GRASPS] for grasps in found.values()]
     return [(k, placed) for grasps in kept for _, k, placed in grasps]
 

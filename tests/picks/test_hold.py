@@ -9,8 +9,11 @@ import pytest
 
 import pinproof as pp
 from pinproof.picks import GripLimits, PickStatus, Stage, SuctionCup
+from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult
+from pinproof.picks.judging.hold import hold_limits
 
 from .conftest import DOWN, QUICK, cell_of, figures, judge_in
+from .test_grip import CUBE, HAND, TABLE, fingers, grasp
 
 MASS = 0.3
 
@@ -88,6 +91,54 @@ def test_hold_is_judged_only_with_mass_and_force(bin_cell) -> None:
         assert report.verdicts[0].ok
         assert Stage.HOLD not in {stage.stage for stage in report.verdicts[0].stages}
         assert any("slip of" in note for note in report.notes)
+
+
+def tapered(arms, taper: float, friction: float):
+    """A pick of a part whose sides are inclined by ``taper`` (rad) across the parallel pads, which touch its edges."""
+    half, step = 0.015, 0.015 * np.tan(taper)
+    corners = [(x, side * (half + np.sign(x) * step), z)
+               for x in (-half, half) for side in (-1, 1) for z in (-half, half)]  # fmt: skip
+    part = pp.Obstacle("cube", pp.ConvexShape(np.array(corners)), CUBE.pose)
+    pick = grasp(payload=pp.Payload(0.1, (0, 0, 0), (1e-5, 1e-5, 1e-5)), retreat=0.05)
+    limits = GripLimits(force=40.0, friction=friction)
+    settings = {"tip": pp.pose((0, 0, 0.16)), "tool": (HAND,), "fingers": fingers(0.06, None), "grip_limits": limits}
+    return judge_in(arms["ur5"], pp.Scene([TABLE, part], allowed=[("base_link", "table")]), pick, **settings)
+
+
+@pytest.mark.parametrize(("degrees", "friction"), [(6.5, 0.1), (17.5, 0.3)])
+def test_part_whose_taper_exceeds_the_friction_angle_is_pressed_out_of_parallel_fingers(
+    arms, degrees, friction
+) -> None:
+    verdict = tapered(arms, np.radians(degrees), friction)
+    assert verdict.failed is Stage.HOLD
+    # Between an edge of the part and a face of a finger, the same normals would hold
+    assert verdict.status is PickStatus.NOT_FOUND
+
+
+def test_taper_below_the_friction_angle_holds_with_a_smaller_reserve(arms) -> None:
+    reserves = [figures(tapered(arms, np.radians(taper), 0.3), Stage.HOLD)["reserve"] for taper in (0.0, 8.0, 12.0)]
+    assert reserves == sorted(reserves, reverse=True)
+    assert reserves[-1] > 0.5
+
+
+def test_links_of_one_finger_share_its_force(arms) -> None:
+    """Two pads, of which one is divided into two bodies that are moved together."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.005, 0.005, (60, 3)) * (1, 0, 1)
+    contact = FingerContact("pad", (0.0, 1.0, 0.0), 1e-4, 0.01, 0.0, 0.01, 0.0)
+
+    def patch(side: float, branch: str) -> GripPatch:
+        normal = np.array([0.0, side, 0.0])
+        own = replace(contact, closing_direction=(0.0, side, 0.0))
+        return GripPatch(own, points - [0, side * 0.02, 0], normal, normal, branch)
+
+    pick = pp.Pick("cube", pp.pose((0, 0, 0)), carried="cube", payload=pp.Payload(0.1))
+    shared = pp.Picks((), fingers=fingers(), grip_limits=GripLimits(force=10.0))
+    share = []
+    for patches in ((patch(1, "a"), patch(-1, "b")), (patch(1, "a"), patch(-1, "b"), patch(-1, "b"))):
+        limits = hold_limits(pick, shared, GripResult(True, "", patches=patches), pp.pose((0, 0, 0)), arms["ur5"])
+        share.append(limits.shares([[0, 0, 1.0, 0, 0, 0], [0, 1.0, 0, 0, 0, 0]]))
+    np.testing.assert_allclose(share[1], share[0], rtol=1e-3)
 
 
 def cup_pick(arms, **cup):

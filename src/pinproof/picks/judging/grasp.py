@@ -33,7 +33,7 @@ from pinproof.picks.judging.configurations import (
     limit_margin,
     turned_inside,
 )
-from pinproof.picks.judging.hold import PROVEN
+from pinproof.picks.judging.hold import PROVEN, normals_agree
 from pinproof.picks.judging.task import PickTask, at_rest
 from pinproof.picks.judging.verdict import REFUTATION, Stage, StageResult
 from pinproof.spatial import SE3, Array, twist_size
@@ -332,7 +332,9 @@ def screen(task: PickTask, members: list[Member], reached: Reached) -> Screened:
         reasons = []
         for member, (slip, share) in zip(members, slips, strict=True):
             grip = task.grip(member)
-            reason = slip if share > PROVEN else "" if grip.held or not grip.proven else grip.message
+            reason = (
+                slip if share > PROVEN and normals_agree(grip) else "" if grip.held or not grip.proven else grip.message
+            )
             reasons += [member.head + reason] if reason else []
         complete = len(reasons) == len(members)
         return Screened((), (*stages, failed), tuple(reasons) if complete else (), True)

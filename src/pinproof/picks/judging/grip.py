@@ -397,11 +397,17 @@ class CupContact:
 
 
 class GripPatch(NamedTuple):
-    """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
+    """The contact patch of a finger: points (N, 3) in the tcp frame, and the mean normals there.
+
+    ``normal`` is the outward one of the finger, and ``into`` the inward one of the part. They differ where an edge of
+    one of them touches a face of the other, whose normal is then that of the contact.
+    """
 
     contact: FingerContact
     points: Array
     normal: Array
+    into: Array
+    branch: str
 
 
 @struct("grip", written=True)
@@ -598,17 +604,18 @@ class _FingerPath:
         """The contact patch of a finger that touches the part."""
         most = self.contact.gap + limits.compliance
         found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
-        points, normals = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2))
+        points, *both = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2, 4))
         area = float(sum(each[1] for each in found))
-        normal = np.array([0.0, 0.0, 1.0])
+        means = [np.array([0.0, 0.0, 1.0])] * 2
         overlap = 0.0
         if len(points):
-            normal = normals.mean(axis=0)
+            means = [normals.mean(axis=0) for normals in both]
             overlap = float(np.ptp(points[:, 1])) + max(each[3] for each in found if len(each[0]))
         return GripPatch(
             replace(self.contact, contact_area=area, overlap=overlap),
             points @ self._tcp_from_closing.T,
-            self._tcp_from_closing @ (normal / np.linalg.norm(normal)),
+            *(self._tcp_from_closing @ (mean / np.linalg.norm(mean)) for mean in means),
+            self._finger.branch,
         )
 
 
@@ -660,8 +667,11 @@ class _Facing:
             low, high, count = np.maximum(at - 1.5 * cell, self._low), np.minimum(at + 1.5 * cell, self._high), ZOOMED
         return best
 
-    def patch(self, most: float, cosine: float) -> tuple[Array, float, Array, float]:
-        """Points (N, 3) with gaps up to ``most``, their area, the finger's normals (N, 3), and a line's length."""
+    def patch(self, most: float, cosine: float) -> tuple[Array, float, Array, float, Array]:
+        """Points (N, 3) with gaps up to ``most``, area, normals (N, 3) of the finger, length of a line, part's normals.
+
+        The normals of the finger are outward, and those (N, 3) of the part inward.
+        """
         lines, cell = _lines(self._low, self._high, COARSE)
         gaps = self._gaps(lines)[0]
         near = lines[gaps <= most, :2]
@@ -673,7 +683,7 @@ class _Facing:
         gaps, depths, part_normals, finger_normals = self._gaps(lines)
         on = (gaps <= most) & (part_normals[:, 2] <= -cosine) & (finger_normals[:, 2] >= cosine)
         points = np.concatenate([lines[on, :2], depths[on, None]], axis=1)
-        return points, float(on.sum() * cell.prod()), finger_normals[on], float(cell[1])
+        return points, float(on.sum() * cell.prod()), finger_normals[on], float(cell[1]), -part_normals[on]
 
     def _gaps(self, lines: Array) -> tuple[Array, Array, Array, Array]:
         """(G,) between the surfaces along each line, where the finger's is (G,), and both outward normals (G, 3)."""

@@ -606,15 +606,15 @@ class _FingerPath:
         found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
         points, *both = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2, 4))
         area = float(sum(each[1] for each in found))
-        means = [np.array([0.0, 0.0, 1.0])] * 2
         overlap = 0.0
+        normal, into = (normals.mean(axis=0) if len(points) else np.array([0.0, 0.0, 1.0]) for normals in both)
         if len(points):
-            means = [normals.mean(axis=0) for normals in both]
             overlap = float(np.ptp(points[:, 1])) + max(each[3] for each in found if len(each[0]))
         return GripPatch(
             replace(self.contact, contact_area=area, overlap=overlap),
             points @ self._tcp_from_closing.T,
-            *(self._tcp_from_closing @ (mean / np.linalg.norm(mean)) for mean in means),
+            self._tcp_from_closing @ (normal / np.linalg.norm(normal)),
+            self._tcp_from_closing @ (into / np.linalg.norm(into)),
             self._finger.branch,
         )
 

@@ -224,3 +224,16 @@ def test_two_links_of_one_gripper_are_checked_for_contact_only_and_the_notes_sta
     assert "pad" in note
     with pytest.raises(InputError, match="home is not a valid start: pad is"):
         pp.picks.PickSetup.make(arm, pp.Scene([CUBE]), replace(picks, grip={}), home=None, rng=0)
+
+
+def test_a_closing_finger_keeps_the_margin_of_its_pair(arms) -> None:
+    # The open and the closed finger are 12 mm from the pin, and the finger passes it at 5 mm
+    pin = pp.Obstacle("pin", pp.Box(0.002, 0.002, 0.04), pp.pose((0.466, 0.1875, 0.015)))
+    scene = pp.Scene([TABLE, CUBE, pin], allowed=[("base_link", "table")])
+    shared = {"fingers": fingers(0.1), "tool": (HAND,), **SPEC}
+    for margin, good in ((0.004, True), (0.009, False)):
+        margins = tuple(PairMargin((name, "pin"), margin) for name in ("finger_1", "finger_2"))
+        verdict = judge_in(arms["ur5"], scene, grasp(retreat=0.05), **shared, margins=margins)
+        assert verdict.ok == good, verdict.reason
+    assert verdict.failed.value == "grip"
+    assert "while the fingers move" in verdict.reason

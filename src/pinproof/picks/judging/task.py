@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from itertools import combinations
@@ -206,7 +206,7 @@ class PickCell:
         excluded = {frozenset(pair.owners) for pair in checker.excluded}
         moved = checker.with_attached(*(body for bodies in self.swept.values() for body in bodies))
         owners = moved.obstacles_and_links
-        return moved.allowing(
+        return with_margins(moved, self.shared, swept).allowing(
             *(
                 (name, other)
                 for name, finger in swept.items()
@@ -288,13 +288,18 @@ def gripper_links(arm: Arm, picks: Picks) -> tuple[str, ...]:
     return tuple(link for link in urdf.links if moved_by(urdf, link, grip) or moved_by(urdf, link, joints) == still)
 
 
-def with_margins(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
-    """The checker with the margins of pairs of bodies that it has: those of the picks, and 0 within a gripper."""
+def with_margins(checker: CollisionChecker, picks: Picks, swept: Mapping[str, str] | None = None) -> CollisionChecker:
+    """The checker with the margins of pairs of bodies that it has: those of the picks, and 0 within a gripper.
+
+    ``swept`` names the finger of each swept volume, which has the margins of this finger.
+    """
     if not picks.margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
         return checker
     links = gripper_links(checker.arm, picks)
     pairs: dict[frozenset[str], float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)}
     pairs |= {frozenset(own.between): own.margin for own in picks.margins}
+    for volume, finger in (swept or {}).items():
+        pairs |= {pair - {finger} | {volume}: margin for pair, margin in pairs.items() if finger in pair}
     there = set(checker.obstacles_and_links)
     wanted: Any = {pair: margin for pair, margin in pairs.items() if pair <= there}
     return checker if wanted == checker.spec.margins else checker.with_margin(margins=wanted)
@@ -741,9 +746,9 @@ class PickTask:
 
     def _allowing_hand(self, checker: CollisionChecker, closing: PickCell | None = None) -> CollisionChecker:
         """The checker in which the hand may touch the object, with the swept volumes of the cell of a closing hand."""
+        swept = {} if closing is None else {body.name: of for of, bodies in closing.swept.items() for body in bodies}
         if self.cell.shared.margins:  # those of the object were lost while it changed its place
-            checker = with_margins(checker, self.cell.shared)
-        swept = () if closing is None else (body.name for bodies in closing.swept.values() for body in bodies)
+            checker = with_margins(checker, self.cell.shared, swept)
         there = checker.obstacles_and_links
         return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 import pinproof as pp
 from pinproof.cell import NewCell, new_cell
+from pinproof.cell.starting.new_cell import _part_type
 from pinproof.cell.starting.station import find_home, fixed_box, hand_points, recognise_hand, work_areas
 from pinproof.cell.starting.workpieces import Workpiece, arrange, free_floor
 from pinproof.errors import FileError, InputError, MeshError
@@ -368,3 +369,12 @@ def test_more_parts_than_the_bin_holds_are_refused(tmp_path: Path) -> None:
     block = mesh_file(tmp_path, "block.stl", trimesh.creation.box((0.09, 0.09, 0.09)))
     with pytest.raises(InputError, match="40 parts do not fit"):
         new_cell("ur5", [block], folder=tmp_path / "cell", bin=mesh_file(tmp_path, "bin.stl", walls()), count=40)
+
+
+@pytest.mark.parametrize("name", ["1", "ring#1: a's"])
+def test_names_that_yaml_reads_as_other_values_remain_names(tmp_path: Path, name: str) -> None:
+    arm = pp.load_robot("ur5").arm()
+    piece = Workpiece.read(mesh_file(tmp_path, f"{name}.stl", trimesh.creation.box((30, 30, 30))), most=1.0, unit=None)
+    tool = Tool(cup=pp.picks.SuctionCup(radius=0.005), tip=pp.pose((0, 0, 0.1)))
+    text, _ = _part_type(piece, tool, arm, hand_points(arm, tool), str, 2700.0, 0)
+    assert list(yaml.safe_load(text)) == [piece.name]

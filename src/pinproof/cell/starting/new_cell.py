@@ -331,7 +331,7 @@ def _part_type(
     ]
     rows = "".join(f"      - {_flow(grasp)}\n" for grasp in grasps)
     keys = "".join(f"    {key}: {_flow(value)}\n" for key, value in row.items())
-    return f"{_comment(text, '  ')}  {piece.name}:\n{keys}    grasps:\n{rows}", rests
+    return f"{_comment(text, '  ')}  {_flow(piece.name)}:\n{keys}    grasps:\n{rows}", rests
 
 
 def _from_above(

@@ -59,3 +59,18 @@ def test_an_arm_without_a_tool_is_refused(pair):
         judge_hands(pair, BOX, on_top(left=-0.45, right=0.45), {"left": CUP})
     with pytest.raises(pp.UnknownNameError, match="middle"):
         judge_hands(pair, BOX, on_top(middle=0.0), {"middle": CUP})
+
+
+def test_the_grip_does_not_depend_on_where_the_part_would_be_in_the_cell(pair):
+    # In the frame of the root, the box would be in the bases of both arms
+    box = pp.Obstacle("box", pp.Box(0.2, 1.8, 0.15))
+    assert judge_hands(pair, box, on_top(left=-0.75, right=0.75), {"left": CUP, "right": CUP}).ok
+    moved = pp.Obstacle("box", pp.Box(0.2, 1.8, 0.15), pp.pose((0, 0, 0.01)))  # its pose in the frame of the part
+    assert not judge_hands(pair, moved, on_top(left=-0.75), {"left": CUP}).ok
+
+
+def test_hands_of_no_arm_hold_nothing(pair):
+    with pytest.raises(pp.InputError, match="grasps names no arm"):
+        judge_hands(pair, BOX, {}, {})
+    with pytest.raises(pp.InputError, match=r"tools\['left'\] must be of type Tool"):
+        judge_hands(pair, BOX, on_top(left=-0.45), {"left": None})

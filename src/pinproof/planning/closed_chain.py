@@ -238,7 +238,7 @@ def _carrying(
     checker: CollisionChecker, part: Obstacle | Sequence[Obstacle], leader: str, grasps: Mapping[str, SE3]
 ) -> CollisionChecker:
     """The checker with the part attached to the leader, which may touch the hands that hold it."""
-    bodies = (part,) if isinstance(part, Obstacle) else tuple(part)
+    bodies = (part,) if isinstance(part, Obstacle) else tuple(part) if isinstance(part, Sequence) else ()
     if not bodies or not all(isinstance(body, Obstacle) for body in bodies):
         raise InputError("part must be an Obstacle or several, with poses in the frame of the part")
     names = [body.name for body in bodies]

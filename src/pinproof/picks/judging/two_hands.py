@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.results import Answer, Rows, View
 from pinproof.common.structs import described, key
+from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import JointGroup
 from pinproof.picks.input.pick import Pick
@@ -62,20 +63,27 @@ def judge_hands(group: JointGroup, part: Obstacle, grasps: Mapping[str, SE3], to
     UnknownNameError
         If the group has no arm of a name.
     InputError
-        If an arm has no tool, or a tool does not fit its robot.
+        If no arm is named, an arm has no tool, or a tool does not fit its robot.
     """
+    require_type("part", part, Obstacle)
+    require_type("grasps", grasps, Mapping)
+    require_type("tools", tools, Mapping)
+    if not grasps:
+        raise InputError("grasps names no arm; state tcp_from_part of each arm that holds the part")
     grips = {}
     for name, given in grasps.items():
         if name not in group.ends:
             raise UnknownNameError("arm", name, group.ends, "grasps")
         if name not in tools:
             raise InputError(f"arm {name!r} has no tool; tools must state one for each of {', '.join(grasps)}")
-        # The part at rest in the root frame, and a pick of it by this arm alone
+        # A pick of the part by this arm alone, without a scene: the grip does not depend on where the part is
         tool, tcp_from_part = tools[name], rigid(f"grasps[{name!r}]", given)
+        require_type(f"tools[{name!r}]", tool, Tool)
+        in_hand = replace(part, pose=tool.tip.actInv(tcp_from_part * part.pose))
         shared = Picks([], **{own.name: getattr(tool, own.name) for own in fields(Hand)})
-        arm, scene = group.arms[name].with_held(tool.held), Scene([part])
+        arm = group.arms[name].with_held(tool.held)
         check_held_joints(arm, shared)
-        cell = PickCell(checker_of_picks(arm, scene, shared), shared, arm.home)
-        task = PickTask(Pick(part.name, tcp_from_part.actInv(tool.tip), carried=part.name), cell)
+        cell = PickCell(checker_of_picks(arm, Scene(), shared), shared, arm.home)
+        task = PickTask(Pick(part.name, tcp_from_part.actInv(tool.tip), carried=in_hand), cell)
         grips[name] = task.grip(task.nearest_group[0])
     return HandsResult(grips)

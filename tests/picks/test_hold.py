@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
+from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import GripLimits, PickStatus, Stage, SuctionCup
-from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult
-from pinproof.picks.judging.hold import hold_limits
+from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult, HeldPart, grip_by_cup
+from pinproof.picks.judging.hold import hold_limits, with_inertia
 
 from .conftest import DOWN, QUICK, cell_of, figures, judge_in
 from .test_grip import CUBE, HAND, TABLE, fingers, grasp
@@ -136,9 +138,36 @@ def test_links_of_one_finger_share_its_force(arms) -> None:
     shared = pp.Picks((), fingers=fingers(), grip_limits=GripLimits(force=10.0))
     share = []
     for patches in ((patch(1, "a"), patch(-1, "b")), (patch(1, "a"), patch(-1, "b"), patch(-1, "b"))):
-        limits = hold_limits(pick, shared, GripResult(True, "", patches=patches), pp.pose((0, 0, 0)), arms["ur5"])
+        grip = GripResult(True, "", patches=patches)
+        limits = hold_limits(pick, shared, grip, pp.pose((0, 0, 0)), arms["ur5"], LineSurface.of_obstacle(CUBE))
         share.append(limits.shares([[0, 0, 1.0, 0, 0, 0], [0, 1.0, 0, 0, 0, 0]]))
     np.testing.assert_allclose(share[1], share[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["box", "closed mesh", "open mesh", "stated"])
+def test_part_without_inertia_has_that_of_a_uniform_density(kind: str) -> None:
+    sides, mesh = np.array([0.3, 0.02, 0.04]), trimesh.creation.box((0.3, 0.02, 0.04))
+    if kind == "open mesh":
+        mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    shape = pp.Box(*sides) if kind == "box" else pp.Mesh(vertices=mesh.vertices, triangles=mesh.faces)
+    stated = (1e-3, 2e-3, 3e-3) if kind == "stated" else None
+    found = with_inertia(pp.Payload(0.3, (0.1, 0, 0), stated), LineSurface.of_obstacle(pp.Obstacle("bar", shape)))
+    expected = np.diag(0.3 / 12 * (np.square(sides).sum() - np.square(sides)) if stated is None else stated)
+    np.testing.assert_allclose(found.inertia, expected, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.09, -0.09])
+def test_vacuum_of_a_tilted_cup_pulls_along_the_normal_of_the_surface(arms, tilt: float) -> None:
+    cup, turn = SuctionCup(radius=0.01, gap=2e-3, force=20.0, friction=0.3), pp.pose((0, 0, 0), (tilt, 0, 0))
+    block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.1, 0.1, 0.04)))
+    at = turn * pp.pose((0, 0, 0.02))
+    grip = grip_by_cup(cup, pp.pose((0, 0, 0)), HeldPart(block, at))
+    assert grip.held
+    pick = pp.Pick("block", pp.pose((0, 0, 0)), carried="block", payload=pp.Payload(0.1))
+    limits = hold_limits(pick, pp.Picks((), cup=cup), grip, at, arms["ur5"], block)
+    out, aside = -turn.rotation[:, 2], turn.rotation[:, 1]
+    loads = np.array([20.0 * out, 10.0 * out + 3.0 * aside, 10.0 * out - 3.0 * aside])
+    np.testing.assert_allclose(limits.shares(np.hstack([loads, np.zeros((3, 3))])), 1.0, rtol=1e-3)
 
 
 def cup_pick(arms, **cup):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,17 @@ def test_every_proposal_passes_the_grip_stage(found, arms, name: str) -> None:
         assert result.held, (each.words, result.message)
         depths = depths_at_grasp(palm, moving, part, np.array([0.0, 0.0, -1.0]), tool.grip_limits.depth)
         assert all(body.within for body in depths), each.words
+
+
+@pytest.mark.parametrize("thickness", [5e-4, 2e-3])
+def test_sheet_is_grasped_by_fingers_that_close_completely(arms, thickness: float) -> None:
+    tool = own.jaws()
+    proposals = propose_grasps(pp.Box(0.06, 0.05, thickness), tool, count=12)
+    assert min(each.width for each in proposals) == pytest.approx(thickness, abs=1e-5)
+    for each in proposals:
+        moving = fingers_of(arms["ur5"], replace(tool.fingers, grip=each.grasp.fingers["grip"]), {})
+        part = HeldPart(proposals.part.surface, each.grasp.pose.inverse())
+        assert grip_by_fingers(moving, part, np.array([0.0, 0.0, 1.0]), tool.grip_limits).held
 
 
 @pytest.mark.parametrize("name", SHAPES)

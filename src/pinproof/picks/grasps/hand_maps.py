@@ -248,8 +248,9 @@ def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMa
             if large and (end := float(ahead[k : k + equal[k]].max())) > farthest + grid.step / 2:
                 width, farthest = float(inside[k]), end
             k += int(equal[k]) if large else 1
-        if width <= 0.0 and widths:
+        if width < -PAD_FLATNESS and widths:
             break
+        width = max(width, 0.0)  # the pads touch each other
         on_pad = (gaps >= width) & (gaps <= width + PAD_FLATNESS)
         near = grid.middles().reshape(*grid.shape, 2)[on_pad]
         ends = np.array([near.min(axis=0) - grid.step / 2, near.max(axis=0) + grid.step / 2])

@@ -112,10 +112,11 @@ class PartSurface:
         """
         from scipy.spatial import cKDTree
 
-        near = cKDTree(self.points).query_ball_point(self.points, radius)
         expected = np.pi * radius**2 / self.spacing**2
-        wanted = expected - 2.0 * np.sqrt(expected)
-        flat = []
+        wanted, flat = expected - 2.0 * np.sqrt(expected), list[int]()
+        if wanted > len(self.points):  # the disc is larger than the part
+            return np.array(flat, dtype=np.int64)
+        near = cKDTree(self.points).query_ball_point(self.points, radius)
         for k, others in enumerate(near):
             heights = (self.points[others] - self.points[k]) @ self.normals[k]
             if (np.abs(heights) <= gap).sum() >= wanted:

@@ -394,6 +394,9 @@ class CupContact:
     contact_area: float = key("area of its face near the surface", "m²", minimum=0)
     gap: float = key("largest distance of the rim; negative if the rim is inside the part", "m")
     tilt: float = key("angle between face and surface", "rad", minimum=0)
+    normal: tuple[float, float, float] = key(
+        "inward unit normal of the surface at the rim, in the frame of the tip", default=(0.0, 0.0, 1.0), hidden=True
+    )
 
 
 class GripPatch(NamedTuple):
@@ -738,7 +741,8 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     slope = np.linalg.lstsq(np.column_stack([rim, np.ones(RIM)]), at_rim, rcond=None)[0][:2]
     tilt = float(np.arctan(np.linalg.norm(slope)))
     # The rim is close enough, the face is parallel to the surface, and no air leaks
-    contact, held = CupContact(area, gap, tilt), False
+    x, y, z = (np.array([*-slope, 1.0]) * np.cos(tilt)).tolist()
+    contact, held = CupContact(area, gap, tilt, (x, y, z)), False
     where = f"{abs(gap) * 1e3:.2f} mm {'from' if gap >= 0 else 'inside'} {part.name}"
     words = f"the rim of the cup is at most {where}, tilted by {np.degrees(tilt):.1f} deg"
     if abs(gap) > cup.gap:

@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from pinproof.collision import LineSurface, outer_points
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import Arm, Payload
 from pinproof.motion import ContactPatch, HoldLimits, Trajectory
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import Picks
@@ -51,7 +52,23 @@ def hold_data_missing(pick: Pick, shared: Picks) -> list[str]:
     return missing
 
 
-def hold_limits(pick: Pick, shared: Picks, grip: GripResult, tcp_from_object: SE3, arm: Arm) -> HoldLimits | None:
+def with_inertia(payload: Payload, surface: LineSurface) -> Payload:
+    """The mass of an object, with the inertia of a uniform density if none is stated; of an open mesh, of its hull."""
+    from trimesh.convex import convex_hull
+    from trimesh.triangles import mass_properties
+
+    if payload.inertia is not None:
+        return payload
+    corners, solid = surface.triangles, (surface.surface or surface.body).solid
+    if corners is None or solid is None or not solid.watertight:
+        corners = convex_hull(outer_points(surface)).triangles
+    uniform = mass_properties(corners, skip_inertia=False)
+    return replace(payload, inertia=payload.mass / uniform.mass * uniform.inertia)
+
+
+def hold_limits(
+    pick: Pick, shared: Picks, grip: GripResult, tcp_from_object: SE3, arm: Arm, surface: LineSurface
+) -> HoldLimits | None:
     """The limits of the motion by a grip that holds an object; None if :func:`hold_data_missing`."""
     cup, limits = shared.cup, shared.grip_limits
     force = limits.force if cup is None else cup.force
@@ -64,11 +81,13 @@ def hold_limits(pick: Pick, shared: Picks, grip: GripResult, tcp_from_object: SE
         rim = np.column_stack([np.cos(turns), np.sin(turns), np.zeros(RIM_POINTS)])
         rim = cup.radius * np.sinc(1.0 / RIM_POINTS) * rim @ shared.tip.rotation.T + shared.tip.translation
         friction = friction if cup.friction is None else cup.friction
-        contacts.append(ContactPatch(rim, shared.tip.rotation[:, 2], force, friction, pulls=True))
+        # The vacuum acts along the normal of the surface, also if the face is tilted
+        normal = shared.tip.rotation @ ((0.0, 0.0, 1.0) if grip.cup is None else grip.cup.normal)
+        contacts.append(ContactPatch(rim, normal, force, friction, pulls=True))
     for patch in () if cup is not None else grip.patches:
         together = sum(other.branch == patch.branch for other in grip.patches)  # links of one finger share its force
         contacts.append(_pressing(patch, force / together, friction, str(pick.object_name)))
-    return HoldLimits(arm, pick.payload.placed(tcp_from_object), contacts)
+    return HoldLimits(arm, with_inertia(pick.payload, surface).placed(tcp_from_object), contacts)
 
 
 def _pressing(patch: GripPatch, force: float, friction: float, part: str) -> ContactPatch:

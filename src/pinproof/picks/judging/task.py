@@ -602,7 +602,7 @@ class PickTask:
         shared = self.cell.shared
         if self.name is None or self.pick.payload is None or not (grip := self.grip(member)).held:
             return None
-        return hold_limits(self.pick, shared, grip, self.holding(member).pose, self.arm)
+        return hold_limits(self.pick, shared, grip, self.holding(member).pose, self.arm, self._surface)
 
     @once_per_grasp
     def slip_at_rest(self, member: Member) -> tuple[str, float]:

@@ -230,3 +230,14 @@ def test_part_stays_in_the_simulated_hand_and_slips_with_half_of_the_friction(ar
     assert moved < 1e-3
     assert turned < np.deg2rad(2.0)
     assert simulated(carried, slippery=0.5)[0] > 5e-3
+
+
+def test_motion_on_which_the_part_slips_even_at_rest_has_a_peak(arm) -> None:
+    limits = HoldLimits(arm, PART, two_fingers(force=0.3 * FORCE))
+    path = pp.JointPath([arm.home, arm.home + np.array([0.3, 0.2, 0, 0, 0, 0.2])], arm.joint_names)
+    trajectory = pp.time_parametrise(path, arm.limits)
+    with pytest.raises(SlipError):
+        limits.excess(trajectory)
+    peak = limits.peak(trajectory)
+    assert not peak.holds
+    assert peak.share >= limits.shares(newton_euler(arm, trajectory)).max() * (1 - 1e-3)

@@ -7,6 +7,7 @@ of a load, and bounds it over each complete piece of a motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -215,8 +216,10 @@ class HoldLimits(Shown):
         bound, piece, fraction = self._grip.peak(self._tree, *controls_of(self.arm, trajectory))
         knots = trajectory.bezier().knots
         time = float(knots[piece] + fraction * (knots[piece + 1] - knots[piece]))
-        if self.excess(trajectory).max() <= 1.0 + LIMIT_TOLERANCE:  # which is a proof that it holds
-            bound = min(bound, 1.0)
+        if bound > 1.0:
+            with suppress(SlipError):  # it slips even at rest
+                if self.excess(trajectory).max() <= 1.0 + LIMIT_TOLERANCE:  # which is a proof that it holds
+                    bound = 1.0
         # on this piece, because the acceleration may jump at its ends
         state = (trajectory.bezier(order).on(np.array([piece]), np.array([fraction])) for order in range(3))
         force, moment = self._tree.loads(*(np.ascontiguousarray(row) for row in state))[0].sum(axis=0).reshape(2, 3)

@@ -250,11 +250,10 @@ def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMa
             k += int(equal[k]) if large else 1
         if width < -PAD_FLATNESS and widths:
             break
-        width = max(width, 0.0)  # the pads touch each other
         on_pad = (gaps >= width) & (gaps <= width + PAD_FLATNESS)
         near = grid.middles().reshape(*grid.shape, 2)[on_pad]
         ends = np.array([near.min(axis=0) - grid.step / 2, near.max(axis=0) + grid.step / 2])
-        widths.append(width)
+        widths.append(max(width, 0.0))  # the pads touch each other where they are closed
         middles.append(float((low[on_pad] + high[on_pad]).mean() / 2))
         pads.append(ends.T.reshape(-1))
         passed.append(both)

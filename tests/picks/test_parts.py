@@ -237,3 +237,15 @@ def test_a_closing_finger_keeps_the_margin_of_its_pair(arms) -> None:
         assert verdict.ok == good, verdict.reason
     assert verdict.failed.value == "grip"
     assert "while the fingers move" in verdict.reason
+
+
+def test_the_identity_of_a_setup_depends_on_margins_of_parts_that_are_not_in_the_scene_yet(arms) -> None:
+    part = pp.Obstacle("part", pp.Box(0.03, 0.03, 0.03))
+    picks = pp.Picks([pp.Pick("a", pp.pose((0.4, 0, 0.1)), carried=part)])
+
+    def identity(margin: float) -> dict:
+        own = replace(picks, margins=(PairMargin(("part", "table"), margin),))
+        scene = pp.Scene([TABLE], allowed=[("base_link", "table")])
+        return pp.picks.PickSetup.make(arms["ur5"], scene, own, home=None, rng=0).identity()
+
+    assert identity(0.001) == identity(0.001) != identity(0.002)

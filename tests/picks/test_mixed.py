@@ -72,6 +72,12 @@ def test_a_pick_is_impossible_only_if_every_grasp_is(cell) -> None:
     loose = replace(picks, picks=[block], parts={**picks.parts, "block": wide})
     (verdict,) = pp.validate_picks(arm, scene, loose, budget=QUICK).verdicts
     assert verdict.status is PickStatus.NOT_FOUND
+    # nor does a grasp that cannot be judged: its fingers would close beyond their opening
+    wrong = replace(part, grasps=(part.grasps[0], replace(part.grasps[1], fingers={"opening": 0.04, "grip": 0.045})))
+    unread = replace(picks, picks=[block], parts={**picks.parts, "block": wrong})
+    (verdict,) = pp.validate_picks(arm, scene, unread, budget=QUICK).verdicts
+    assert (verdict.status, verdict.refuted) == (PickStatus.NOT_FOUND, ())
+    assert verdict.grasps_failed[0].startswith("across: input: ")
 
 
 def test_a_program_of_a_pick_with_several_grasps_is_certified_again_with_its_grasp(cell, report) -> None:

@@ -406,7 +406,8 @@ def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
     # No grasp is good: the furthest one, with suggestions; impossible only if every grasp is, and no others exist
     furthest = max(tried, key=lambda found: len(found.stages))
     verdict = alone(furthest.pick, cell, seeds) if cell.budget.remedies else furthest
-    if proposed or any(found.status is PickStatus.NOT_FOUND for found in tried):
+    refuted = not proposed and all(found.status is PickStatus.IMPOSSIBLE for found in tried)
+    if not refuted and verdict.status is PickStatus.IMPOSSIBLE:
         verdict = replace(verdict, status=PickStatus.NOT_FOUND, refuted=())
     return replace(verdict, grasps_failed=tuple(grasp_failure(found) for found in tried if found is not furthest))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
 
 import pinproof as pp
 from pinproof.picks import ProposedGrasp, ProposedGrasps, Tool
@@ -90,31 +91,65 @@ def is_pair(mesh: trimesh.Trimesh, proposal: ProposedGrasp, angle: float) -> boo
     return abs(apart - proposal.width) < 1e-3
 
 
-def resists_by_program(found: ProposedGrasps, proposal: ProposedGrasp, friction: float, wrench: np.ndarray) -> float:
-    """The largest multiple of a wrench that contacts exert, each pressing with up to 1, by a linear program.
+def resists_by_program(
+    found: ProposedGrasps, proposal: ProposedGrasp, friction: float, forces: np.ndarray
+) -> tuple[float, float]:
+    """Bounds of the force at the centre of mass that two fingers exert along each of some directions, by programs.
 
-    Friction and torsion share the force of a contact as in a soft finger, with cones of many edges.
+    Each finger presses with up to 1. Friction and torsion share the force of a contact as in a soft finger: a ball, in
+    which one polyhedron is, and which is in a larger one. The least over the directions is returned for both.
     """
-    directions = oracle_directions(64)
-    generators, contact_of = [], []
-    radius = 2 / 3 * np.sqrt(proposal.area / np.pi)
-    for number, (point, normal) in enumerate(zip(proposal.contacts, proposal.normals, strict=True)):
-        lever = (point - found.part.centre) / found.part.size
-        u = np.linalg.svd(normal[None])[2][1:]
-        for x, y, turn in directions:
-            force = normal + friction * (x * u[0] + y * u[1])
-            torque = np.cross(lever, force) + friction * turn * radius / found.part.size * normal
-            generators.append([*force, *torque])
-            contact_of.append(number)
-    columns = np.array(generators).T
-    limits = np.array([[float(of == number) for of in contact_of] for number in range(len(proposal.contacts))])
+    ball = oracle_directions(64)
+    larger = 1 / -ConvexHull(ball).equations[:, 3].max()
+    radius, bounds = 2 / 3 * np.sqrt(proposal.area / np.pi), []
+    for scale in (1.0, larger):
+        generators = []
+        for point, normal in zip(proposal.contacts, proposal.normals, strict=True):
+            u = np.linalg.svd(normal[None])[2][1:]
+            for x, y, turn in ball * scale * friction:
+                force = normal + x * u[0] + y * u[1]
+                torque = np.cross(point - found.part.centre, force) + turn * radius * normal
+                generators.append([*force, *torque / found.part.size])
+        limits = np.kron(np.eye(2), np.ones(len(ball)))
+        least = np.inf
+        for force in forces:
+            result = linprog(
+                [*np.zeros(len(generators)), -1.0],
+                A_ub=np.column_stack([limits, np.zeros(2)]),
+                b_ub=np.ones(2),
+                A_eq=np.column_stack([np.transpose(generators), -np.array([*force, 0, 0, 0])]),
+                b_eq=np.zeros(6),
+                bounds=(0, None),
+            )
+            least = min(least, float(result.x[-1]) if result.success else 0.0)
+        bounds.append(least)
+    return bounds[0], bounds[1]
+
+
+def cup_resists_by_program(
+    found: ProposedGrasps, proposal: ProposedGrasp, radius: float, friction: float, force: np.ndarray
+) -> float:
+    """An upper bound of the force along a direction that a cup resists, which pulls with 1, by a linear program."""
+    (point,), (normal,) = proposal.contacts, proposal.normals
+    ball, ring = oracle_directions(64), np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    larger, wider = 1 / -ConvexHull(ball).equations[:, 3].max(), 1 / np.cos(np.pi / 64)
+    u = np.linalg.svd(normal[None])[2][1:]
+    lever = point - found.part.centre
+    pressing = np.array([*normal, *np.cross(lever, normal)])
+    slips = [[*f, *(np.cross(lever, f) + turn * radius * normal)] for x, y, turn in ball * larger * friction
+             for f in [x * u[0] + y * u[1]]]  # fmt: skip
+    tilts = [[0, 0, 0, *wider * radius * (np.cos(angle) * u[0] + np.sin(angle) * u[1])] for angle in ring]
+    columns = np.column_stack([pressing, np.transpose(slips), np.transpose(tilts), [-f for f in [*force, 0, 0, 0]]])
+    columns[3:] /= found.part.size
+    # The pressure is at most 2, of which 1 is the suction; shares of slips and of tilts are at most the pressure
+    slip, tilt = np.repeat([[1.0], [0.0]], len(slips), axis=1), np.repeat([[0.0], [1.0]], len(tilts), axis=1)
     result = linprog(
-        [*np.zeros(columns.shape[1]), -1.0],
-        A_ub=np.column_stack([limits, np.zeros(len(limits))]),
-        b_ub=np.ones(len(limits)),
-        A_eq=np.column_stack([columns, -wrench]),
-        b_eq=np.zeros(6),
-        bounds=(0, None),
+        [*np.zeros(columns.shape[1] - 1), -1.0],
+        A_ub=np.column_stack([[-1.0, -1.0], slip, tilt, [0.0, 0.0]]),
+        b_ub=np.zeros(2),
+        A_eq=columns,
+        b_eq=pressing / [1, 1, 1, *[found.part.size] * 3],
+        bounds=[(0, 2), *[(0, None)] * (columns.shape[1] - 1)],
     )
     return float(result.x[-1]) if result.success else 0.0
 

@@ -15,10 +15,12 @@ import pinproof as pp
 from pinproof.common.files import read_yaml
 from pinproof.errors import InputError, PicksError
 from pinproof.picks import Tool, propose_grasps
+from pinproof.picks.grasps.hand_maps import HandMaps, corners
 from pinproof.picks.judging.grip import HeldPart, fingers_of, grip_by_cup, grip_by_fingers
 from pinproof.picks.judging.hand import depths_at_grasp, hand_bodies
 from pinproof.spatial import SE3
 
+from ..test_grip_depth import PINCER
 from . import own_parts as own
 
 SHAPES = own.shapes()
@@ -104,15 +106,32 @@ def test_nothing_of_the_hand_is_in_the_part_on_the_approach(found) -> None:
                     assert not (np.abs(inner) < half).all(axis=1).any(), (each.words, body.name, back)
 
 
-def test_quality_is_the_least_force_at_the_centre_of_mass_by_a_linear_program(found) -> None:
+def test_force_that_fingers_resist_is_within_the_bounds_of_linear_programs(found) -> None:
     for name in ("bracket", "cone", "bolt"):
         for each in list(found[name])[::8]:
-            forces = own.oracle_directions(80)
-            resisted = [
-                own.resists_by_program(found[name], each, own.FRICTION, np.array([*force, 0, 0, 0])) for force in forces
-            ]
-            # the directions of the program are some of all; its cones have edges
-            assert 0.87 * each.resists - 0.04 <= min(resisted) <= 1.1 * each.resists, (name, each.words)
+            inner, outer = own.resists_by_program(found[name], each, own.FRICTION, own.oracle_directions(80))
+            # a lower bound, less than 2 % below the least force, of which the program has some directions only
+            assert 0.95 * inner < each.resists < outer, (name, each.words)
+
+
+def test_force_that_a_cup_resists_is_a_lower_bound_by_linear_programs() -> None:
+    mesh = own.turned(SHAPES["block"], np.random.default_rng(5))
+    found = propose_grasps(mesh, vacuum(), count=20)
+    for each in list(found)[::6]:
+        forces = own.oracle_directions(150)
+        least = min(own.cup_resists_by_program(found, each, CUP.radius, own.FRICTION, force) for force in forces)
+        assert 0.9 * least < each.resists < least, each.words
+
+
+def test_fingers_on_an_arc_are_mapped_where_they_reach_farthest() -> None:
+    arm = pp.load_robot(PINCER).arm(tcp="hand", held={"left_joint": -0.6})
+    hand = HandMaps.of(Tool(grip={"left_joint": 0.5}), arm)
+    ends = [
+        max(corners((body.surface, hand.tcp_from_hand.actInv(body.placed(share))))[:, 2].max() for body in hand.closing)
+        for share in np.linspace(0.0, 1.0, 12)
+    ]
+    assert max(ends) > max(ends[0], ends[-1]) + 5e-3
+    assert hand.fingers.grid.middles()[:, 1].max() + hand.fingers.grid.step > max(ends)
 
 
 def test_proposals_are_in_the_order_of_what_they_resist(found) -> None:

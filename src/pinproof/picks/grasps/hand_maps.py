@@ -224,7 +224,7 @@ def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMa
     y = np.array(tcp_from_hand.rotation[:, 1])
     shares = np.linspace(0.0, 1.0, LEVELS)
     levels = [[(body.surface, tcp_from_hand.actInv(body.placed(share))) for body in closing] for share in shares]
-    grid = Grid.around(np.concatenate([corners(body)[:, [0, 2]] for level in (0, -1) for body in levels[level]]))
+    grid = Grid.around(np.concatenate([corners(body)[:, [0, 2]] for level in levels for body in level]))
     first = [bool(body.direction @ y > 0.0) for body in closing]
     widths, middles = list[float](), list[float]()
     pads, passed = list[Array](), list[list[list[Array]]]()

@@ -77,8 +77,8 @@ def write_grasps_page(path: str | Path, found: Any) -> None:
     commands.set_animation(tracks(commands, stage, film, {name: node_path("scene", name) for name in riders}))
     notes = [
         (
-            "resists: the largest force at the centre of mass that the grasp resists in every direction, in multiples "
-            "of the force of a finger or of the cup."
+            "resists: a force at the centre of mass that the grasp is proven to resist in every direction, in "
+            "multiples of the force of a finger or of the cup."
         ),
         "The red discs are at the centres of the contacts; the hand is drawn at the width of the grasp.",
     ]

@@ -20,7 +20,7 @@ from pinproof.model import Arm
 from pinproof.picks.grasps.antipodal import finger_grasps
 from pinproof.picks.grasps.hand_maps import FingerMaps, HandMaps, closed_completely
 from pinproof.picks.grasps.part_surface import PartSurface
-from pinproof.picks.grasps.quality import Contacts, resisted
+from pinproof.picks.grasps.quality import resisted_by_cup, resisted_by_fingers
 from pinproof.picks.grasps.seals import point_grasps
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin
@@ -47,8 +47,8 @@ class ProposedGrasp:
     grasp: PartGrasp = key("the grasp; its pose is ``part_from_tip``")
     kind: str = key("``antipodal``, ``cup`` or ``tip``")
     resists: float = key(
-        "the largest force at the centre of mass that it resists in every direction, in multiples of the force of a "
-        "finger or of the cup; NaN for a tip",
+        "a force at the centre of mass that it is proven to resist in every direction, in multiples of the force of a "
+        "finger or of the cup; within a few percent of the largest; NaN for a tip",
         kind=OPTIONAL_NUMBER,
     )
     width: float = key("distance of the pads; NaN without fingers", "m", kind=OPTIONAL_NUMBER)
@@ -306,11 +306,10 @@ def _by_fingers(
         )
     found = finger_grasps(part, hand, fingers, replace(limits, angle=angle), count, rng)
     normals = np.stack([found.axes, -found.axes], axis=1)
-    # of an even pressure on a disc of the smaller area
-    torsion = np.repeat(2 / 3 * np.sqrt(found.areas.min(axis=1, keepdims=True) / np.pi), 2, axis=1)
-    contacts = Contacts((found.contacts - part.centre) / part.size, normals, torsion / part.size, 0.0, 0.0)
+    torsion = 2 / 3 * np.sqrt(found.areas.min(axis=1) / np.pi)  # of an even pressure on a disc of the smaller area
+    quality = resisted_by_fingers(found.contacts - part.centre, found.axes, torsion, friction)
     away = np.cross(part.centre - found.contacts.mean(axis=1), found.axes)
-    levers, quality = np.linalg.norm(away, axis=1), resisted(contacts, friction, rng)
+    levers = np.linalg.norm(away, axis=1)
     spin = GraspSpin(TURNED) if fingers.symmetric else None
     poses = _tips(hand, tool, found.rotations, found.translations)
     rows = zip(poses, quality, found.widths, found.areas.min(axis=1), levers, found.contacts, normals, strict=True)
@@ -335,9 +334,7 @@ def _at_points(
     levers = np.linalg.norm(np.cross(part.centre - points, normals), axis=1)
     quality, area = np.full(len(points), np.nan), np.nan
     if cup is not None:
-        radius = np.full((len(points), 1), cup.radius / part.size)
-        at = ((points - part.centre) / part.size)[:, None]
-        quality = resisted(Contacts(at, normals[:, None], radius, cup.radius / part.size, 1.0), friction, rng)
+        quality = resisted_by_cup(points - part.centre, normals, cup.radius, friction)
         area = np.pi * cup.radius**2
     poses = _tips(hand, tool, found.rotations, found.translations)
     rows = zip(poses, quality, found.edges, levers, points[:, None], normals[:, None], strict=True)

@@ -245,3 +245,31 @@ def test_an_object_of_another_size_or_frame_than_its_part_type_is_refused(cell) 
         assert verdict.status is PickStatus.UNREADABLE
         assert "'block_1' of the scene is no block" in verdict.reason
         assert reason in verdict.reason
+
+
+def test_a_program_is_certified_again_with_the_hand_of_its_grasp(cell) -> None:
+    # Two grasps at one pose, of which one opens the hand wider; posts beside the block leave room for the narrow one
+    arm, scene, picks = cell
+    part, block = picks.parts["block"], named(picks, "block_1")
+    wide, narrow = (
+        replace(part.grasps[1], name=name, fingers={"opening": opening})
+        for name, opening in (("wide", 0.12), ("narrow", 0.04))
+    )
+    posts = (
+        pp.Obstacle(f"post {y}", pp.Box(0.02, 0.02, 0.06), scene["block_1"].pose * pp.pose((0, y, 0.012)))
+        for y in (0.058, -0.058)
+    )
+    barred = scene.add(*posts)
+
+    def setup(around: pp.Scene, *grasps: pp.picks.PartGrasp) -> PickSetup:
+        own = replace(picks, picks=[block], parts={**picks.parts, "block": replace(part, grasps=grasps)})
+        return PickSetup.make(arm, around, own, home=None, rng=0, budget=QUICK)
+
+    verdict = setup(barred, wide, narrow).judge(0, block)
+    assert verdict.grasp == "narrow"
+    assert all(proof.free for proof in setup(barred, wide, narrow).recertify(verdict.program(), block))
+    program = setup(scene, narrow, wide).judge(0, replace(block, grasp="wide")).program()
+    assert all(proof.free for proof in setup(scene, narrow, wide).recertify(program, block))
+    assert not all(proof.free for proof in setup(barred, narrow, wide).recertify(program, block))
+    with pytest.raises(InputError, match="has no grasp 'wide"):
+        setup(scene, narrow).recertify(program, block)

@@ -132,7 +132,9 @@ class MotionProgram(Shown):
     robot: str = key("the robot; empty if it is not known", default="")
     tcp: str = key("its tcp frame; empty if it is not known", default="")
     member: str = key(
-        "how the chosen grasp differs from the nominal one, as in :attr:`pinproof.picks.PickVerdict.member`", default=""
+        "the name of the grasp, if it is one of a part type, and how it differs from the nominal one "
+        "(:attr:`pinproof.picks.PickVerdict.member`)",
+        default="",
     )
 
     def __post_init__(self) -> None:
@@ -368,7 +370,7 @@ PROGRAM_HEAD = Table(
     required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
     required("robot", ANY_TEXT, "the robot; empty if it is not known"),
     required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
-    required("member", ANY_TEXT, "how the grasp differs from the nominal one; empty if it does not"),
+    required("member", ANY_TEXT, "the grasp of the part and how it differs from the nominal one; empty if it does not"),
     required(
         "units",
         choice(PROGRAM_UNITS),

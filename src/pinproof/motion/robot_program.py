@@ -114,7 +114,7 @@ class JointMap:
 
 @dataclass(frozen=True)
 class ProgramPick:
-    """A pick of a program: its name, its grasp (:attr:`pinproof.picks.PickVerdict.member`), and its motions.
+    """A pick of a program: its name, its grasp (:attr:`MotionProgram.member`), and its motions.
 
     ``motions`` are the names of the motions with their numbers of moves, in order.
     """

@@ -43,7 +43,7 @@ from pinproof.picks.judging.task import (
     with_hand,
 )
 from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
-from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.judging.verdict import PickVerdict, member_of
 from pinproof.spatial import twist_size, xyz_rpy
 
 GRASP_TOLERANCE = 1e-4
@@ -197,15 +197,14 @@ class PickSetup:
             own = ", ".join(arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         require_positive("deviation", deviation, zero=True)
-        # The grasp with which the program was made; of several of a part, the one at whose pose the hand closes
-        closed = next((event.time for event in program.events if event.kind == "grip"), program.segments[-1].end)
-        at = arm.forward_kinematics(min(program.segments, key=lambda part: abs(part.end - closed)).trajectory.end)
-        tasks = [PickTask(grasp, self.cell) for grasp in self.shared.grasps_of(pick)]
+        # The grasp with which the program was made; only that of its name has its hand
+        grasps = (own for own in self.shared.grasps_of(pick) if program.member.startswith(own.grasp or ""))
+        tasks = (PickTask(own, self.cell) for own in grasps)
         families = ((task, each) for task in tasks for group in task.groups() for each in group)
-        made = [(task, member) for task, member in families if member.words == program.member]
-        if not made:
+        made = ((task, own) for task, own in families if member_of(task.pick.grasp, own.words) == program.member)
+        task, member = next(made, (None, None))
+        if task is None or member is None:
             raise InputError(f"pick {pick.name!r} has no grasp {program.member!r}, with which the program was made")
-        task, member = min(made, key=lambda found: sum(twist_size(found[0].target(found[0].grasp(found[1])), at)))
         # What is wrong at the events, by the key of the certificate of the motion that ends there: the tip is not where
         # the pick grasps or puts down, the hand does not hold the part there, or the events are not those of the pick
         faults: dict[str, str] = {}

@@ -244,6 +244,11 @@ class Suggestion(ABC):
         return InputError(f"{self.text!r} does not fit pick {pick.name!r}: {reason}")
 
 
+def member_of(grasp: str | None, words: str) -> str:
+    """The member of a program: the grasp of the part, and how it differs from the nominal one."""
+    return ": ".join(filter(None, (grasp, words)))
+
+
 @struct(
     "verdict",
     first=("name", "verdict", "failed_at", "reason", "remedy", "frame", "xyz", "rpy", "member", "configurations_tried",
@@ -490,7 +495,13 @@ class PickVerdict(ProvenMotion, Shown, Written):
                     events.append(ProgramEvent(cast(EventKind, kind), now, dwell, name, joints))
                     rested += _clock(dwell)
         return MotionProgram(
-            self.pick.name, tuple(segments), tuple(events), records, robot=robot, tcp=tcp, member=self.member
+            self.pick.name,
+            tuple(segments),
+            tuple(events),
+            records,
+            robot=robot,
+            tcp=tcp,
+            member=member_of(self.grasp, self.member),
         )
 
     @reported()

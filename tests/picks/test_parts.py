@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
 from pinproof.errors import InputError, PicksError, UnknownNameError
@@ -249,3 +250,12 @@ def test_the_identity_of_a_setup_depends_on_margins_of_parts_that_are_not_in_the
         return pp.picks.PickSetup.make(arms["ur5"], scene, own, home=None, rng=0).identity()
 
     assert identity(0.001) == identity(0.001) != identity(0.002)
+
+
+@pytest.mark.parametrize("hull", [None, False])
+def test_mass_of_a_part_is_at_the_centre_of_a_uniform_density_unless_it_is_stated(hull) -> None:
+    at, corner = np.array([0.05, 0.02, 0.01]), trimesh.transformations.translation_matrix((0.05, 0.02, 0.01))
+    block = trimesh.creation.box((0.1, 0.04, 0.02), corner)
+    shape = pp.Mesh(vertices=block.vertices, triangles=block.faces, hull=hull)
+    np.testing.assert_allclose(PartType(shape=shape, mass=0.2).payload.center_of_mass, at, atol=1e-9)
+    assert PartType(shape=shape, mass=0.2, center_of_mass=(0, 0, 0)).payload.center_of_mass.tolist() == [0, 0, 0]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pinproof.collision import Obstacle, Shape
+from pinproof.collision import LineSurface, Obstacle, Shape, outer_points
 from pinproof.common.results import ByValue
 from pinproof.common.structs import Accepting, Direction, Kind, key, list_of, simple, struct, table_of
 from pinproof.errors import InputError, UnknownNameError
@@ -58,6 +59,18 @@ class PartGrasp(HandValues, ByValue):
         return replace(self, **changes)
 
 
+def uniform_body(surface: LineSurface) -> tuple[Array, Array]:
+    """Centre of mass (3,) and inertia (3, 3) about it of 1 kg of uniform density; of an open mesh, that of its hull."""
+    from trimesh.convex import convex_hull
+    from trimesh.triangles import mass_properties
+
+    corners, solid = surface.triangles, (surface.surface or surface.body).solid
+    if corners is None or solid is None or not solid.watertight:
+        corners = convex_hull(outer_points(surface)).triangles
+    found = mass_properties(corners, skip_inertia=False)
+    return np.asarray(found.center_mass), np.asarray(found.inertia / found.mass)
+
+
 def _shape(name: str, value: Any) -> Shape:
     body = Obstacle("part", value)
     if not body.pose.isIdentity():
@@ -76,7 +89,7 @@ class PartType(HandValues, ByValue):
         "its mass, above 0; the torque limits of the joints then apply", "kg", default=None, above=0
     )
     center_of_mass: tuple[float, float, float] | None = key(
-        "its centre of mass; by default the origin of its frame", "m", default=None
+        "its centre of mass; by default that of a uniform density", "m", default=None
     )
     inertia: Accepting[Array | None, Any] = _optional(_OF_PAYLOAD["inertia"])
     friction: float | None = key(
@@ -106,12 +119,15 @@ class PartType(HandValues, ByValue):
         if self.mass is None and (self.center_of_mass is not None or self.inertia is not None):
             raise InputError(f"part type {self.name!r} states a centre of mass or an inertia but no mass")
 
-    @property
+    @cached_property
     def payload(self) -> Payload | None:
         """The mass of a part in its own frame; None if it is not stated."""
         if self.mass is None:
             return None
-        return Payload(self.mass, self.center_of_mass or np.zeros(3), self.inertia)
+        if self.center_of_mass is not None:
+            return Payload(self.mass, self.center_of_mass, self.inertia)
+        centre, _ = uniform_body(LineSurface.of_obstacle(Obstacle(self.name, self.shape)))
+        return Payload(self.mass, centre.round(9), self.inertia)
 
     def that_fit(self, hand: Hand) -> HandValues:
         """The values for a hand, with the friction of the part."""

@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinproof.collision import LineSurface, outer_points
+from pinproof.collision import LineSurface
 from pinproof.errors import InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import ContactPatch, HoldLimits, Trajectory
+from pinproof.picks.input.parts import uniform_body
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.judging.grip import GripPatch, GripResult
@@ -54,16 +55,9 @@ def hold_data_missing(pick: Pick, shared: Picks) -> list[str]:
 
 def with_inertia(payload: Payload, surface: LineSurface) -> Payload:
     """The mass of an object, with the inertia of a uniform density if none is stated; of an open mesh, of its hull."""
-    from trimesh.convex import convex_hull
-    from trimesh.triangles import mass_properties
-
     if payload.inertia is not None:
         return payload
-    corners, solid = surface.triangles, (surface.surface or surface.body).solid
-    if corners is None or solid is None or not solid.watertight:
-        corners = convex_hull(outer_points(surface)).triangles
-    uniform = mass_properties(corners, skip_inertia=False)
-    return replace(payload, inertia=payload.mass / uniform.mass * uniform.inertia)
+    return replace(payload, inertia=payload.mass * uniform_body(surface)[1])
 
 
 def hold_limits(

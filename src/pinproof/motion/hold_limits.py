@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy.typing as npt
 
 from pinproof._core import Grip, GripContact
 from pinproof.common.results import Shown, View, Written
-from pinproof.common.structs import key, struct
+from pinproof.common.structs import Accepting, described, key, struct
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, SlipError
 from pinproof.model import GRAVITY, Arm, Payload, carried_tree
@@ -34,33 +33,27 @@ DIRECTIONS = 20
 """Sides of the polygon about a patch of many points at whose edge the pressure may decrease to zero."""
 
 
-@dataclass(frozen=True, eq=False)
+@described(eq=False)
 class ContactPatch:
     """A patch on which a finger or a suction cup presses on a part.
 
     The pressure is linear over the patch: uniform if the normal force acts at its centre. At every point the friction
     is at most ``friction`` times the pressure.
-
-    Parameters
-    ----------
-    points
-        (N, 3) points of the patch in metres in the frame of the tcp, of which each represents the same area.
-    normal
-        (3,) direction in which the hand presses on the part; it is normalised.
-    force
-        Largest normal force in N, or of a suction cup the pull-off force.
-    friction
-        Coefficient of friction.
-    pulls
-        Whether it is a suction cup, which pulls the part with the constant force and is pressed against it with the
-        part of the force that the load leaves.
     """
 
-    points: Array
-    normal: Array
-    force: float
-    friction: float
-    pulls: bool = False
+    points: Accepting[Array, npt.ArrayLike] = key(
+        "(N, 3) points of the patch in the frame of the tcp, of which each represents the same area", "m"
+    )
+    normal: Accepting[Array, npt.ArrayLike] = key(
+        "(3,) direction in which the hand presses on the part; it is normalised"
+    )
+    force: float = key("largest normal force, or of a suction cup the pull-off force", "N")
+    friction: float = key("coefficient of friction")
+    pulls: bool = key(
+        "whether it is a suction cup, which pulls the part with the constant force and is pressed against it with the "
+        "part of the force that the load leaves",
+        default=False,
+    )
 
     def __post_init__(self) -> None:
         points = finite("the points of a contact patch", self.points, (None, 3))

@@ -259,3 +259,10 @@ def test_mass_of_a_part_is_at_the_centre_of_a_uniform_density_unless_it_is_state
     shape = pp.Mesh(vertices=block.vertices, triangles=block.faces, hull=hull)
     np.testing.assert_allclose(PartType(shape=shape, mass=0.2).payload.center_of_mass, at, atol=1e-9)
     assert PartType(shape=shape, mass=0.2, center_of_mass=(0, 0, 0)).payload.center_of_mass.tolist() == [0, 0, 0]
+
+
+def test_a_part_that_states_a_joint_which_no_hand_has_is_refused_at_its_key(tmp_path: Path) -> None:
+    parts = PARTS.replace("    fingers: {opening: 0.03}\n", "    held: {jont: {open: 0.1}}\n")
+    with pytest.raises(PicksError, match="unknown joint 'jont' in the gripping joints of the hands") as refused:
+        read(tmp_path, "{name: a, part: block, object: block_1}", parts=parts)
+    assert "line 18, column 5, key parts.block.held" in str(refused.value)

@@ -344,8 +344,10 @@ class Picks(RobotAndHand, Shown):
         if doubled := [name for name, number in names.items() if number > 1]:
             raise Misread(f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",))
 
-    def check_parts(self, tools: Collection[str], *, several: bool) -> None:
-        """Check that the tools of part types are among ``tools``; all are stated if a robot has ``several`` of them.
+    def check_parts(self, tools: Collection[str], joints: Collection[str], *, several: bool) -> None:
+        """Check that part types name only ``tools`` and gripping ``joints``.
+
+        The tool of every grasp is stated if a robot has ``several``.
 
         Raises
         ------
@@ -359,6 +361,13 @@ class Picks(RobotAndHand, Shown):
             for tool, where in named.items():
                 if tool is not None and tool not in tools:
                     raise Misread(str(UnknownNameError("tool", tool, tools or ("none",))), (*where, ".tool"))
+            for own, where in ((part, steps), *((each, (*steps, ".grasps")) for each in part.grasps)):
+                for joint in own.held:
+                    if joint not in joints:
+                        unknown = UnknownNameError(
+                            "joint", joint, joints or ("none",), "the gripping joints of the hands"
+                        )
+                        raise Misread(str(unknown), (*where, ".held"))
             if several and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
                 reason = f"states no tool for some of its grasps; choose one of {', '.join(tools)} for the part"
                 raise Misread(reason, steps)
@@ -482,10 +491,12 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
     shared = replace(shared, robots=step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
     every = [robot.settings for robot in shared.robots.values()] or [shared]
     tools = list(dict.fromkeys(name for each in every for name in each.tools))
+    hands = [hand for each in every for hand in (each, *each.tools.values())]
+    joints = list(dict.fromkeys(name for hand in hands for name in hand.grip))
     for each in every:
         try:
             each.check_tools()
-            each.check_parts(tools, several=len(each.tools) > 1)
+            each.check_parts(tools, joints, several=len(each.tools) > 1)
         except Misread as error:
             raise Misread(error.reason, error.steps, _position(content, error.steps)) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):

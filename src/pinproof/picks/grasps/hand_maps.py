@@ -8,7 +8,7 @@ that each side of the fingers has had at (x, z) since it was open.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.judging.grip import MovingFinger, fingers_of
 from pinproof.picks.judging.hand import FACE, hand_bodies
-from pinproof.spatial import SE3, Array, translated
+from pinproof.spatial import SE3, Array
 
 LEVELS = 25
 """Number of widths, from the open to the closed hand, for which the fingers are mapped."""
@@ -73,15 +73,6 @@ class Grid(NamedTuple):
         return np.where(inside, values.reshape(-1)[cell], outside)
 
 
-class ClosingBody(NamedTuple):
-    """A body of a finger: its closing direction (3,) and its pose by the share of the closing motion, in the tcp."""
-
-    name: str
-    surface: LineSurface
-    direction: Array
-    placed: Callable[[float], SE3]
-
-
 @dataclass(frozen=True, eq=False)
 class FingerMaps:
     """The closing fingers; arrays have one entry for each of K widths, from open to closed.
@@ -125,7 +116,7 @@ class FingerMaps:
 class HandMaps:
     """A hand: ``tcp_from_hand``, the map of its front, and its fingers, if it has any.
 
-    ``palm`` are its bodies that do not move while it closes, in the frame of the hand, and ``closing`` the others.
+    ``palm`` are its bodies that do not move while it closes, in the frame of the hand, and ``closing`` the fingers.
     """
 
     tcp_from_hand: SE3
@@ -133,7 +124,7 @@ class HandMaps:
     front: Array
     fingers: FingerMaps | None
     palm: tuple[Placed, ...] = ()
-    closing: tuple[ClosingBody, ...] = ()
+    closing: tuple[MovingFinger, ...] = ()
 
     @classmethod
     def of(cls, tool: Any, arm: Arm | None) -> HandMaps:
@@ -144,7 +135,8 @@ class HandMaps:
         InputError
             If the fingers of the tool do not close towards each other across the approach direction.
         """
-        closing = _closing_bodies(tool, arm)
+        fingers = None if tool.fingers is None else replace(tool.fingers, grip=0.0)
+        closing = fingers_of(arm, fingers, {} if arm is None else closed_completely(tool, arm))
         axes = np.array(tool.tip.rotation)
         if closing:
             # y is the direction in which the first finger closes, across the approach
@@ -164,38 +156,24 @@ class HandMaps:
         if arm is not None:
             found = hand_bodies(arm, tool, tool.gripper)
             palm = [(body.surface, body.tcp_from_body) for body in found if body.name != FACE]
-        everything = [*palm, *((body.surface, body.placed(0.0)) for body in closing)]
+        everything = [*palm, *_placed(closing, 0.0)]
         placed = [(surface, tcp_from_hand.actInv(at)) for surface, at in everything]
         if not placed:
             return cls(tcp_from_hand, Grid(np.zeros(2), FINEST, (1, 1)), np.full((1, 1), -np.inf), None)
         grid = Grid.around(np.concatenate([corners(body)[:, :2] for body in placed]))
         front = -_first_met(placed, grid, (0, 1), np.array([0.0, 0.0, -1.0]))
-        fingers = _finger_maps(closing, tcp_from_hand) if closing else None
-        return cls(tcp_from_hand, grid, front, fingers, tuple(placed[: len(palm)]), tuple(closing))
+        maps = _finger_maps(closing, tcp_from_hand) if closing else None
+        return cls(tcp_from_hand, grid, front, maps, tuple(placed[: len(palm)]), closing)
+
+    def fingers_at(self, share: float) -> list[Placed]:
+        """The bodies of the fingers at a share of the closing motion, in the frame of the hand."""
+        return [(surface, self.tcp_from_hand.actInv(at)) for surface, at in _placed(self.closing, share)]
 
     def widened(self, by: float) -> HandMaps:
         """A hand whose front is larger by a distance (m) along x, y and z."""
         from scipy.ndimage import maximum_filter
 
         return replace(self, front=maximum_filter(self.front, size=_cells(by, self.grid)) + by)
-
-
-def _closing_bodies(tool: Any, arm: Arm | None) -> list[ClosingBody]:
-    """The bodies of the fingers, which close completely."""
-    found: list[ClosingBody] = []
-    if (own := tool.fingers) is not None:
-        for number, body in enumerate(own.bodies):
-            direction = (2 * number - 1) * np.array(own.axis)
-            place = lambda share, d=direction, body=body: translated(  # noqa: E731
-                body.pose, (share - 1.0) * own.opening / 2 * d
-            )
-            found.append(ClosingBody(body.name, LineSurface.of_obstacle(body), direction, place))
-    if tool.grip and arm is not None:
-        for finger in fingers_of(arm, None, closed_completely(tool, arm)):
-            for surface, at in finger.surfaces:
-                place = lambda share, finger=finger, at=at: _finger_at(finger, share) * at  # noqa: E731
-                found.append(ClosingBody(finger.name, surface, finger.direction, place))
-    return found
 
 
 def closed_completely(tool: Any, arm: Arm) -> dict[str, float]:
@@ -212,20 +190,18 @@ def closed_completely(tool: Any, arm: Arm) -> dict[str, float]:
     return closed
 
 
-def _finger_at(finger: MovingFinger, share: float) -> SE3:
-    """``tcp_from_finger`` at a share of the closing motion."""
-    if finger.placed_at is not None:
-        return finger.placed_at(share)
-    return translated(finger.open, share * (finger.closed.translation - finger.open.translation))
+def _placed(fingers: Sequence[MovingFinger], share: float) -> list[Placed]:
+    """The bodies of fingers at a share of the closing motion, in the frame of the tcp."""
+    return [(surface, finger.at(share) * at) for finger in fingers for surface, at in finger.surfaces]
 
 
-def _finger_maps(closing: Sequence[ClosingBody], tcp_from_hand: SE3) -> FingerMaps:
+def _finger_maps(closing: Sequence[MovingFinger], tcp_from_hand: SE3) -> FingerMaps:
     """The maps of the fingers for widths from open to closed."""
     y = np.array(tcp_from_hand.rotation[:, 1])
     shares = np.linspace(0.0, 1.0, LEVELS)
-    levels = [[(body.surface, tcp_from_hand.actInv(body.placed(share))) for body in closing] for share in shares]
+    levels = [[(body, tcp_from_hand.actInv(at)) for body, at in _placed(closing, share)] for share in shares]
     grid = Grid.around(np.concatenate([corners(body)[:, [0, 2]] for level in levels for body in level]))
-    first = [bool(body.direction @ y > 0.0) for body in closing]
+    first = [bool(finger.direction @ y > 0.0) for finger in closing for _ in finger.surfaces]
     widths, middles = list[float](), list[float]()
     pads, passed = list[Array](), list[list[list[Array]]]()
     for level in levels:

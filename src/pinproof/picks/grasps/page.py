@@ -41,12 +41,11 @@ def write_grasps_page(path: str | Path, found: Any) -> None:
     hands = [each.grasp.pose * (hand.tcp_from_hand.actInv(found.tip)).inverse() for each in found]
     for number, (surface, at) in enumerate(hand.palm):
         drawn.append((_body(f"palm {number}", surface), np.array([matrix(placed * at) for placed in hands])))
-    for number, body in enumerate(hand.closing):
-        placements = []
-        for placed, each in zip(hands, found, strict=True):
-            share = 0.0 if hand.fingers is None else hand.fingers.share(each.width)
-            placements.append(matrix(placed * hand.tcp_from_hand.actInv(body.placed(share))))
-        drawn.append((_body(f"finger {number}", body.surface), np.array(placements)))
+    shares = [0.0 if hand.fingers is None else hand.fingers.share(each.width) for each in found]
+    fingers = [hand.fingers_at(share) for share in shares]
+    for number, (surface, _) in enumerate(fingers[0]):
+        placements = [matrix(placed * own[number][1]) for placed, own in zip(hands, fingers, strict=True)]
+        drawn.append((_body(f"finger {number}", surface), np.array(placements)))
     radius = 0.05 * found.part.size
     for number in range(len(found[0].contacts)):
         disc = Obstacle(f"contact {number}", Cylinder(radius, THICK), rgba=CONTACT_RED)

@@ -197,9 +197,9 @@ def _hull(points: Array, grow: float) -> ConvexShape:
     return ConvexShape(points)
 
 
-def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
-    """The moving fingers: the two bodies of the gripper, and the links moved by the gripping joints."""
-    found = _links(arm, grip)
+def fingers_of(arm: Arm | None, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
+    """The moving fingers: the two bodies of the gripper, and the links of an arm moved by the gripping joints."""
+    found = [] if arm is None else _links(arm, grip)
     if fingers is None:
         return tuple(found)
     bodies = []

@@ -126,10 +126,8 @@ def test_force_that_a_cup_resists_is_a_lower_bound_by_linear_programs() -> None:
 def test_fingers_on_an_arc_are_mapped_where_they_reach_farthest() -> None:
     arm = pp.load_robot(PINCER).arm(tcp="hand", held={"left_joint": -0.6})
     hand = HandMaps.of(Tool(grip={"left_joint": 0.5}), arm)
-    ends = [
-        max(corners((body.surface, hand.tcp_from_hand.actInv(body.placed(share))))[:, 2].max() for body in hand.closing)
-        for share in np.linspace(0.0, 1.0, 12)
-    ]
+    shares = np.linspace(0.0, 1.0, 12)
+    ends = [max(corners(body)[:, 2].max() for body in hand.fingers_at(share)) for share in shares]
     assert max(ends) > max(ends[0], ends[-1]) + 5e-3
     assert hand.fingers.grid.middles()[:, 1].max() + hand.fingers.grid.step > max(ends)
 
@@ -323,6 +321,18 @@ def test_page_shows_part_hand_and_contacts(found, tmp_path: Path) -> None:
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert all(word in text for word in ("finger 0", "finger 1", "palm 0", "contact 0", "contact 1"))
     assert text.count("<tr>") >= len(found["bracket"])
+
+
+def test_click_on_a_row_shows_the_hand_at_this_grasp(found, browser, tmp_path: Path) -> None:
+    found["bracket"].save(tmp_path / "page.html")
+    page = browser.open((tmp_path / "page.html").as_uri())
+    page.click("tbody tr:nth-child(7)")
+    page.wait_for("document.querySelector('#now').textContent.startsWith('grasp 7:')")
+    grasp = found["bracket"][6].grasp.pose
+    np.testing.assert_allclose(
+        page.node("scene", "palm 0"), grasp.act(np.array([0, 0, -own.PAD[2] - 0.015])), atol=1e-6
+    )
+    page.close()
 
 
 def test_the_pads_of_stepped_fingers_are_at_their_tips() -> None:

@@ -91,6 +91,18 @@ def test_a_base_is_placed_for_mixed_parts() -> None:
     assert {verdict.tool for verdict in found.best.report.verdicts} == {"jaws", "cup"}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("opening", "stated"), [(0.05, False), (0.04, True)])
+def test_a_sequence_states_that_a_change_of_the_opening_is_not_covered(opening: float, stated: bool) -> None:
+    picks = pp.read_picks(robots_folder() / "ur5" / "mixed_picks.yaml")
+    some = [replace(pick, fingers={"opening": opening}) for pick in picks if pick.name == "bolt_1"]
+    some += [pick for pick in picks if pick.name == "block_1"]
+    setup = pp.picks.PickSetup.make(picks.load_arm(), picks.load_scene(), picks, home=None, rng=0)
+    result = pp.cell.sequence(setup, some, budget=FEW)
+    assert len(result.steps) == 2
+    assert any("another opening of the hand" in note for note in result.notes) == stated
+
+
 def test_parts_of_types_stay_in_the_scene() -> None:
     picks = pp.read_picks(robots_folder() / "ur5" / "mixed_picks.yaml")
     with pytest.raises(InputError, match="names a part type"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 from operator import itemgetter
 from pathlib import Path
 
@@ -390,7 +391,19 @@ class SequenceResult(Answer, Saved, Written):
     @reported()
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover."""
-        return self.setup.not_covered({step.pick.carried is not None for step in self.steps})
+        notes = self.setup.not_covered({step.pick.carried is not None for step in self.steps})
+        # The open hands of successive picks may differ
+        opened = []
+        for before, step in pairwise(self.steps):
+            last, first = before.verdict.motions[-1], step.verdict.motions[0]
+            if first.name != "return" and (last.held, last.attached) != (first.held, first.attached):
+                opened.append(step.pick.name)
+        if opened:
+            change = (
+                f"another opening of the hand before {', '.join(opened)}: it is checked before and after the change"
+            )
+            notes = (*notes, f"{change}, not during it")
+        return notes
 
     @reported("s", kind=mapping_to(NOT_NEGATIVE))
     def by_phase(self) -> dict[str, float]:

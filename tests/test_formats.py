@@ -270,7 +270,7 @@ CUP = {
 }
 EVERYTHING["tool"] = {**{key: OTHER_PICKS[key] for key in ROBOT_KEYS}, **HAND}
 VALUES = {
-    "held": HAND["held"],
+    "held": {"thumb": HAND["held"]["thumb"]},
     "fingers": {"opening": 0.05, "grip": 0.02},
     "cup": OTHER_PICKS["cup"],
     "grip_limits": HAND["grip_limits"],

@@ -80,3 +80,13 @@ def save_motion(path: Path) -> None:
 def save_scene(path: Path, name: str, shape: pp.Shape, xyz: object, **settings: Any) -> None:
     """A scene of one obstacle."""
     pp.Scene([pp.Obstacle(name, shape, pp.pose(xyz))], **settings).save(path)
+
+
+JAWS = """\
+fingers:
+  opening: 0.07
+  grip: 0.0
+  bodies: [{name: left, box: [0.016, 0.008, 0.05], xyz: [0, 0.004, -0.025]},
+           {name: right, box: [0.016, 0.008, 0.05], xyz: [0, -0.004, -0.025]}]
+"""
+"""A tool file with two fingers."""

@@ -18,7 +18,7 @@ from pinproof.motion import MotionProgram, RobotProgram, SetOutput, Wait
 
 from ..pages import ROOT
 from ..processes import PATIENCE, RUN_CLI, WRITTEN, rows_in, started, wait_for
-from .conftest import Cli, picks_of_generic
+from .conftest import JAWS, Cli, picks_of_generic
 
 FAR, TORN = "{name: far, xyz: [2, 0, 0]}", "{name: torn, xyz: [0, .nan, 0]}"
 
@@ -266,14 +266,6 @@ def test_a_campaign_interrupted_by_ctrl_c_is_resumed_by_the_same_command(run: Cl
 
 
 # -- grasps -----------------------------------------------------------------------------------------------------------
-
-JAWS = """\
-fingers:
-  opening: 0.07
-  grip: 0.0
-  bodies: [{name: left, box: [0.016, 0.008, 0.05], xyz: [0, 0.004, -0.025]},
-           {name: right, box: [0.016, 0.008, 0.05], xyz: [0, -0.004, -0.025]}]
-"""
 
 
 def test_grasps_are_printed_and_written(run: Cli) -> None:

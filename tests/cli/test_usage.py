@@ -24,7 +24,7 @@ from pinproof.description import catalogue_names, robots_folder
 
 from ..pages import ROOT
 from ..processes import PATIENCE, RUN_CLI, started
-from .conftest import Cli, picks_of_generic, save_motion
+from .conftest import JAWS, Cli, picks_of_generic, save_motion
 
 UR5, TWO_UR5 = robots_folder() / "ur5", robots_folder() / "two_ur5"
 PLAN = 'plan ur5 --goal "1 -1.2 1.6 -1.97 -1.57 0.5"'
@@ -254,7 +254,9 @@ def test_the_example_of_a_command_runs_and_prints_one_document_with_json(
     shutil.copytree(ROOT / "robots", "robots")
     if command in ("certify", "export"):
         run.prints(*shlex.split(BEFORE))
-    trimesh.creation.box((0.05, 0.03, 0.03)).export("block.stl")
+    for name in ("block.stl", "part.stl"):
+        trimesh.creation.box((0.05, 0.03, 0.03)).export(name)
+    Path("gripper.yaml").write_text(JAWS, encoding="utf-8")
     lines = [line.strip() for line in (COMMANDS[command].__doc__ or "").splitlines()]
     (example,) = (line.removeprefix("Example: pinproof ") for line in lines if line.startswith("Example: "))
     code = NEGATIVE.get(command, 0)

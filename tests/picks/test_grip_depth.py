@@ -276,7 +276,7 @@ def test_a_hand_that_passes_through_the_part_after_its_release_is_found(arm) -> 
     assert place(-0.8, 0.0, -0.6).ok
     verdict = place(0.8, 0.0, -0.6)
     assert verdict.failed is Stage.PLACE
-    assert "inside part" in verdict.reason
+    assert "inside part" in verdict.reason or "part protrudes" in verdict.reason  # of the rod or of the face of the cup
 
 
 @pytest.mark.parametrize(("overlap", "ok"), [(-0.0005, True), (0.0004, True), (0.002, False)])

@@ -36,8 +36,8 @@ def grasp(arm: pp.Arm):
     return turned(arm.root_from_base * arm.forward_kinematics(arm.home), AHEAD)
 
 
-STAGES = [stage for stage in Stage if stage is not Stage.CHECK]
-"""All but that of the checks of a user, which are not judged without any."""
+STAGES = [stage for stage in Stage if stage not in (Stage.CHECK, Stage.HOLD)]
+"""All but those of the checks of a user and of the forces of a grip, which are not judged without any."""
 
 
 def judge_one(

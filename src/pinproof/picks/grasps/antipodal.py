@@ -45,6 +45,9 @@ BEYOND = 1.5
 FINE, CERTAIN = 24, 1.2
 """Number of lines along each side of a pad of a proposal, and the multiple of the smallest area and overlap there."""
 
+THINNEST = 1e-4
+"""Metres: thinner places are the rounding of a line that meets one point twice."""
+
 CLEAR = 5e-4
 """Metres between an open finger and the part, at least."""
 
@@ -125,7 +128,7 @@ def find_pairs(part: PartSurface, opening: float, narrowest: float, angle: float
         ahead = part.surface.enter(second - opening * direction, direction, 0.0)
         first = second - (opening - ahead.depth)[:, None] * direction
         width = opening - ahead.depth
-        good = np.isfinite(width) & (ahead.normals @ -direction >= cosine) & (width >= narrowest)
+        good = np.isfinite(width) & (ahead.normals @ -direction >= cosine) & (width >= max(narrowest, THINNEST))
         least = min(least, float(width[good].min(initial=np.inf)))
         good &= width <= opening - 2 * CLEAR
         found.append((first[good], second[good], np.broadcast_to(direction, (int(good.sum()), 3))))

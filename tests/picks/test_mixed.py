@@ -130,7 +130,7 @@ def test_the_notes_name_what_is_not_covered_for_each_kind_of_hand(report) -> Non
 def test_a_pick_without_a_choice_of_its_grasp_is_refused_where_one_grasp_is_needed(cell) -> None:
     arm, scene, picks = cell
     setup = PickSetup.make(arm, scene, picks, home=None, rng=0)
-    with pytest.raises(InputError, match="stands for several grasps"):
+    with pytest.raises(InputError, match="describes several grasps"):
         PickTask(named(picks, "block_1"), setup.cell)
 
 

@@ -38,7 +38,7 @@ from pinproof.planning.problem import read_configurations
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.spatial import SE3, Array, rigid
 
-# m and rad: by how much a hand may deviate from its place at the part, by default. Grippers and parts give way by more.
+# m and rad: by how much a hand may deviate from its place at the part, by default. Grippers and parts yield by more.
 TOLERANCE = 2e-4
 ROTATION_TOLERANCE = math.radians(0.1)
 # Number of IK solutions of each arm at a pose of the part that are combined: half of them are those nearest to the
@@ -201,7 +201,7 @@ def plan_carry(
         return result.changed(goal=int(of[rows[motion.goal]]))
     if motion.status is not PlanStatus.OUT_OF_BUDGET or not isinstance(planner_of(settings.get("planner")), RrtConnect):
         return result
-    # Is the way barred by contacts, or does the chain have no continuous motion to these configurations?
+    # Do contacts prevent the motion, or does the chain have no continuous motion to these configurations?
     anywhere = carrying.without_pairs(range(len(carrying.pairs)))
     search = RrtConnect().limited_to(NODES_WITHOUT_CONTACTS)
     if search.plan(anywhere, first, ends[rows], constraints=chain, rng=rng).ok:
@@ -215,7 +215,7 @@ def plan_carry(
 
 
 class _Reached(NamedTuple):
-    """The configurations (k, n) of a group at a pose of the part; what is known of each arm, and why there are none."""
+    """Configurations (k, n) of a group at a pose of the part; what is known of each arm; and the reason if k = 0."""
 
     q: Array
     poses: tuple[GoalPose, ...]

@@ -448,14 +448,14 @@ class SequenceRun:
         for option, verdict in zip(certified.tour.options, certified.verdicts, strict=True):
             arrive = [motion for motion in verdict.motions if motion.name in ("return", "transit")]
             times = [motion.trajectory.duration for motion in verdict.motions if motion not in arrive]
-            way = sum(motion.trajectory.duration for motion in arrive)
-            way += certified.tool_change * (arrive[0].name == "return")
+            arriving = sum(motion.trajectory.duration for motion in arrive)
+            arriving += certified.tool_change * (arrive[0].name == "return")
             excess += max(sum(times) - inner[option], 0.0) / len(certified.verdicts)
             inner[option] = max(inner[option], sum(times))
             if previous == START:
-                start[option] = max(start[option], way)
+                start[option] = max(start[option], arriving)
             else:
-                between[previous, option] = max(between[previous, option], way)
+                between[previous, option] = max(between[previous, option], arriving)
             previous = option
         if certified.closing is not None:
             end[previous] = max(end[previous], certified.closing.trajectory.duration)

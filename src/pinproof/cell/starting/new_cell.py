@@ -349,17 +349,17 @@ def _from_above(
         tilt = np.cross(tip.rotation[:, 2], [0.0, 0.0, -1.0])
         if tip.rotation[2, 2] > -DOWNWARDS:
             continue
-        ways = [tip]
+        poses = [tip]
         if len(proposal.contacts) > 1 and (sine := float(np.linalg.norm(tilt))) > VERTICAL:
             middle = plane_from_part.act(proposal.contacts.mean(axis=0))
             turn = SE3(rotation_about(tilt / sine, float(np.arcsin(min(sine, 1.0)))), np.zeros(3))
-            ways.append(SE3(np.eye(3), middle) * turn * SE3(np.eye(3), -middle) * tip)
-        for way in ways:
-            up = way.rotation[2]
-            lowest = (float((points @ up).min() + way.translation[2]) for points in hand)
+            poses.append(SE3(np.eye(3), middle) * turn * SE3(np.eye(3), -middle) * tip)
+        for tilted in poses:
+            up = tilted.rotation[2]
+            lowest = (float((points @ up).min() + tilted.translation[2]) for points in hand)
             for raised in {max(MARGIN - height, 0.0) / -float(up[2]) for height in lowest}:  # often the same for both
                 if raised <= RAISED:
-                    placed = plane_from_part.inverse() * way * pose([0.0, 0.0, -raised])
+                    placed = plane_from_part.inverse() * tilted * pose([0.0, 0.0, -raised])
                     found[up[2] < -1.0 + VERTICAL**2].append((raised, k, placed))
     kept = [sorted(grasps, key=lambda grasp: grasp[:2])[:GRASPS] for grasps in found.values()]
     return [(k, placed) for grasps in kept for _, k, placed in grasps]
@@ -478,7 +478,7 @@ def _scene_text(
     ground = {"box": [side, side, 0.02], "xyz": [0, 0, round(floor - 0.015, 6)], "rgba": COLOURS["floor"]}
     rows = [
         (
-            "Assumed: a floor below the lowest fixed body of the robot. Remove it if there is none.",
+            "Assumed: a floor below the lowest fixed body of the robot. Remove it if the cell has no floor.",
             {"name": "floor", **ground},
         ),
         (

@@ -271,8 +271,8 @@ def find_home(checker: CollisionChecker, tip: SE3, area: SE3, lift: float, rng: 
     for seed in (rng, rng + 1):
         solved = Clik().solve_batch(arm, np.array(targets), rng=seed, accept=checker.is_free)
         for q in solved.q[solved.ok]:
-            room = np.where(np.isfinite(half), np.minimum(q - limits.lower, limits.upper - q) / half, 1.0)
-            score = float(room.min()) * arm.singularity(q).smallest * min(checker.clearance(q), CLEAR)
+            margin = np.where(np.isfinite(half), np.minimum(q - limits.lower, limits.upper - q) / half, 1.0)
+            score = float(margin.min()) * arm.singularity(q).smallest * min(checker.clearance(q), CLEAR)
             if score > best:
                 best, home = score, q
     return None if home is None else (home.round(4), "found above the parts, far from joint limits and singularities")

@@ -105,7 +105,7 @@ def find_pairs(part: PartSurface, opening: float, narrowest: float, angle: float
     Raises
     ------
     InputError
-        If there are none, with the reason.
+        If no such points exist, with the reason.
     """
     # Closing directions: those of the normals, spread over a half sphere, and a few others for tapered parts
     folded = part.normals * np.where(part.normals[:, 2:] + 1e-3 * part.normals[:, 1:2] < 0.0, -1.0, 1.0)

@@ -152,10 +152,10 @@ PART_TYPE = Kind(PART, PART.check, _part)
 
 
 def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Tool], hand: Hand) -> Iterator[Pick]:
-    """The picks with one grasp and one tool each for which a pick stands, in the order in which they are tried.
+    """The picks with one grasp and one tool each that a pick describes, in the order in which they are tried.
 
-    A pick without a part, or with a pose of its own, stands for one grasp, and one whose part states no grasps for none
-    until they are proposed. ``hand`` is that of files without tools.
+    A pick without a part, or with a pose of its own, describes one grasp. One whose part states no grasps describes
+    none until they are proposed. ``hand`` is that of files without tools.
 
     Raises
     ------

@@ -264,9 +264,9 @@ class Picks(RobotAndHand, Shown):
         return iter(self.picks)
 
     def grasps_of(self, pick: Pick) -> tuple[Pick, ...]:
-        """The picks with one grasp and one tool each for which a pick stands, in the order in which they are tried.
+        """The picks with one grasp and one tool each that a pick describes, in the order in which they are tried.
 
-        A pick without a part, or with a pose of its own, stands for one grasp.
+        A pick without a part, or with a pose of its own, describes one grasp.
 
         Raises
         ------

@@ -373,7 +373,7 @@ class PickTask:
 
     def __init__(self, pick: Pick, cell: PickCell) -> None:
         if pick.by_part:
-            raise InputError(f"pick {pick.name!r} stands for several grasps; choose one of picks.grasps_of(pick)")
+            raise InputError(f"pick {pick.name!r} describes several grasps; choose one of picks.grasps_of(pick)")
         cell = cell.for_pick(pick)
         self.cell, self.arm, self.scene, shared_tip = cell, cell.arm, cell.checker.scene, cell.shared.tip
         self.outside = cell.checker

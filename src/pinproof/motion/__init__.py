@@ -20,13 +20,19 @@ from pinproof.motion.dialects import (
 )
 from pinproof.motion.dialects.dialect import (
     Blend as Blend,
+    CheckInput as CheckInput,
     JointMove as JointMove,
     LinearMove as LinearMove,
+    Remark as Remark,
+    SetLoad as SetLoad,
     SetOutput as SetOutput,
     Step as Step,
     StreamedPoint as StreamedPoint,
     StreamedTrajectory as StreamedTrajectory,
+    ToolData as ToolData,
+    UserFrame as UserFrame,
     Wait as Wait,
+    external_joints as external_joints,
 )
 from pinproof.motion.group_motion import (
     TimedColumns as TimedColumns,

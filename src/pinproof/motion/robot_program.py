@@ -12,7 +12,7 @@ import hashlib
 import json
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
 from pathlib import Path
@@ -30,11 +30,12 @@ from pinproof.motion.dialects.dialect import (
     Blend,
     JointMove,
     LinearMove,
-    SetOutput,
+    Move,
     Step,
     StreamedPoint,
     StreamedTrajectory,
-    Wait,
+    ToolData,
+    UserFrame,
 )
 from pinproof.motion.paths import JointPath
 from pinproof.spatial import Array, finite
@@ -141,10 +142,16 @@ class RobotProgram:
         "the picks that the program executes, in order, as :func:`pinproof.picks.export_picks` states them", default=()
     )
 
+    tool: ToolData | None = key("the tool that the text declares; None if it states none", default=None)
+    frame: UserFrame | None = key("the frame that the text declares; None if it states none", default=None)
+    external_joints: Mapping[str, str] = key(
+        'the joints that are external axes, each with its unit, ``"mm"`` or ``"deg"``', default_factory=dict
+    )
+
     @property
-    def moves(self) -> tuple[JointMove | LinearMove | StreamedPoint | StreamedTrajectory, ...]:
+    def moves(self) -> tuple[Move, ...]:
         """The steps that move the arm."""
-        return tuple(step for step in self.steps if not isinstance(step, SetOutput | Wait))
+        return tuple(step for step in self.steps if isinstance(step, Move))
 
     @classmethod
     def parse(cls, text: str, *, source: str = "program", dialect: str, allow_changes: bool = False) -> RobotProgram:
@@ -191,7 +198,7 @@ class RobotProgram:
         steps = [_mapped(s, mapping.from_controller) for s in language.read(source, body, len(stated.joint_names))]
         if any(isinstance(s, StreamedTrajectory) and s.record.joint_names != stated.joint_names for s in steps):
             raise TrajectoryError(source, f"its joints are not {', '.join(stated.joint_names)}, as its comments state")
-        if all(isinstance(step, SetOutput | Wait) for step in steps):
+        if not any(isinstance(step, Move) for step in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
         return replace(stated, steps=tuple(steps), certificate=certificate, text=text)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pinproof.common.structs import described, key
-from pinproof.errors import InputError, TrajectoryError
+from pinproof.errors import InputError, TrajectoryError, UnknownNameError
+from pinproof.model import Arm, Payload
 from pinproof.motion.trajectory_files import Record
 from pinproof.spatial import SE3, Array
 
@@ -36,6 +37,10 @@ class JointMove:
     blend: Blend | None = key("None for a stop at the end", default=None)
     line: int = key("the line number in the text, from 1", default=0)
     speed: float | None = key("rad/s of the joint that moves farthest; None if the text states none", default=None)
+    percent: int | None = key(
+        "per cent of the velocity limits of the joints, for languages that state neither; None if the text states none",
+        default=None,
+    )
 
 
 @described(eq=False)
@@ -47,6 +52,10 @@ class LinearMove:
     duration: float | None = key("None if the text states a speed instead", "s", default=None)
     line: int = key("the line number in the text, from 1", default=0)
     speed: float | None = key("m/s of the tcp; None if the text states none", default=None)
+    external: Array | None = key(
+        "rad or m, the values of the external joints at the end, if the text states the pose; None if there are none",
+        default=None,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +92,86 @@ class Wait:
     line: int = 0
 
 
-Step = JointMove | LinearMove | StreamedPoint | StreamedTrajectory | SetOutput | Wait
+@dataclass(frozen=True)
+class CheckInput:
+    """A wait for a digital input, such as the sensor of a gripper.
+
+    If it does not have the state within ``seconds``, the routine ``error`` of the controller is called, if one is
+    stated, and the program ends.
+    """
+
+    input: str
+    on: bool
+    seconds: float
+    line: int = 0
+    error: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SetLoad:
+    """The part that the hand carries from here on; None for the hand alone.
+
+    Mass and centre of mass of the payload are stated in the axes of the flange. Programs state no inertia.
+    """
+
+    payload: Payload | None
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A comment that a person reads."""
+
+    words: str
+    line: int = 0
+
+
+Move = JointMove | LinearMove | StreamedPoint | StreamedTrajectory
+Step = Move | SetOutput | CheckInput | SetLoad | Wait | Remark
+
+
+@described(eq=False)
+class ToolData:
+    """The tool of a program, which its linear moves and its blends refer to."""
+
+    name: str = key("the name of the tool")
+    tcp: SE3 = key("``flange_from_tcp``")
+    mass: float = key("mass of the tool", "kg", default=0.0)
+    center_of_mass: Array = key("(3,) m, its centre of mass in the axes of the flange", default=(0.0, 0.0, 0.0))
+
+
+@described(eq=False)
+class UserFrame:
+    """The frame in which a program states its poses: a work object, a base or a user frame."""
+
+    name: str = key("the name of the frame")
+    pose: SE3 = key("``base_from_frame``")
+
+
+def external_joints(arm: Arm, stated: Iterable[str] | None = None) -> dict[str, str]:
+    """The joints of an arm that a controller moves as external axes, each with its unit: ``"mm"`` or ``"deg"``.
+
+    They are those that are stated; by default the prismatic joints before the last six joints, such as a rail.
+
+    Raises
+    ------
+    InputError
+        If six joints do not remain for the robot, or one of them is prismatic.
+    UnknownNameError
+        If a stated joint does not exist.
+    """
+    units = dict(zip(arm.joint_names, ("deg" if angular else "mm" for angular in arm.angular), strict=True))
+    chosen = [name for name in arm.joint_names[:-6] if units[name] == "mm"] if stated is None else list(stated)
+    for name in chosen:
+        if name not in units:
+            raise UnknownNameError("joint", name, units)
+    own = [name for name in units if name not in chosen]
+    if len(own) != 6 or any(units[name] == "mm" for name in own):
+        raise InputError(
+            f"a program of a controller needs six revolute joints of the robot; beside the external joints "
+            f"({', '.join(chosen) or 'none'}) the arm has {', '.join(own)}. State the others as external_axes"
+        )
+    return {name: units[name] for name in units if name in chosen}
 
 
 # -- languages ---------------------------------------------------------------------------------------------------------

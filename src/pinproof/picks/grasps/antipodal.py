@@ -8,7 +8,6 @@ rotations about the closing axis; rotations by a step of the rings need no furth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy.typing as npt
 from pinproof.collision import spiral_directions
 from pinproof.errors import InputError
 from pinproof.picks.grasps.hand_maps import FingerMaps, HandMaps
-from pinproof.picks.grasps.part_surface import PartSurface, spread
+from pinproof.picks.grasps.part_surface import Candidates, PartSurface, spread
 from pinproof.spatial import Array
 
 DIRECTIONS, SPHERE = 72, 32
@@ -61,46 +60,12 @@ CHUNK = 64
 """Number of hands whose contact with the part is computed at a time."""
 
 
-@dataclass(frozen=True, eq=False)
-class Pairs:
-    """Opposite points (N, 3) of a part: a finger that closes along ``axes`` touches ``first``, the other ``second``."""
-
-    first: Array
-    second: Array
-    axes: Array
-
-    @property
-    def widths(self) -> Array:
-        """(N,) their distances (m)."""
-        return np.einsum("ni,ni->n", self.second - self.first, self.axes)
-
-    def chosen(self, rows: npt.NDArray[np.int64]) -> Pairs:
-        """Some of the pairs."""
-        return Pairs(self.first[rows], self.second[rows], self.axes[rows])
-
-
-@dataclass(frozen=True, eq=False)
-class FingerGrasps:
-    """N grasps: ``part_from_hand`` as rotations and translations, widths, and both contacts.
-
-    ``contacts`` (N, 2, 3) are the centres of the patches, ``areas`` (N, 2) (m^2) their sizes; ``axes`` (N, 3) is the
-    direction in which the first finger closes.
-    """
-
-    rotations: Array
-    translations: Array
-    widths: Array
-    contacts: Array
-    areas: Array
-    axes: Array
-
-    def chosen(self, rows: npt.NDArray[np.int64]) -> FingerGrasps:
-        """Some of the grasps."""
-        return FingerGrasps(*(values[rows] for values in vars(self).values()))
-
-
-def find_pairs(part: PartSurface, opening: float, narrowest: float, angle: float, rng: np.random.Generator) -> Pairs:
+def find_pairs(
+    part: PartSurface, opening: float, narrowest: float, angle: float, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
     """Opposite points of a part for fingers that open to ``opening`` (m) and close to ``narrowest`` (m).
+
+    A finger that closes along the third array (N, 3) touches the first points (N, 3), the other finger the second ones.
 
     Raises
     ------
@@ -132,8 +97,7 @@ def find_pairs(part: PartSurface, opening: float, narrowest: float, angle: float
         least = min(least, float(width[good].min(initial=np.inf)))
         good &= width <= opening - 2 * CLEAR
         found.append((first[good], second[good], np.broadcast_to(direction, (int(good.sum()), 3))))
-    pairs = Pairs(*(np.concatenate([np.empty((0, 3)), *column]) for column in zip(*found, strict=True)))
-    if not len(pairs.axes):
+    if not sum(len(axes) for *_, axes in found):
         spans = [float(np.ptp(part.triangles.reshape(-1, 3) @ direction)) for direction in directions]
         narrow, name = min(least, *spans), part.obstacle.name
         if narrow > opening - 2 * CLEAR:
@@ -146,24 +110,25 @@ def find_pairs(part: PartSurface, opening: float, narrowest: float, angle: float
             f"are within {np.degrees(angle):.0f} deg of the line between them; state a larger angle (friction), or "
             "use a cup"
         )
-    return pairs
+    ones, others, axes = (np.concatenate(column) for column in zip(*found, strict=True))
+    return ones, others, axes
 
 
 def finger_grasps(
     part: PartSurface, hand: HandMaps, fingers: FingerMaps, limits: Any, count: int, rng: np.random.Generator
-) -> FingerGrasps:
+) -> Candidates:
     """Up to ``count`` grasps that are spread over a part; see :func:`find_pairs` for errors."""
-    pairs = find_pairs(part, float(fingers.widths[0]), float(fingers.widths[-1]), limits.angle, rng)
-    middle = (pairs.first + pairs.second) / 2
-    tensors = np.einsum("ni,nj->nij", pairs.axes, pairs.axes).reshape(-1, 9)
-    pairs = pairs.chosen(spread(np.concatenate([middle / part.size, tensors], axis=1), 0, rng, PAIRS))
-    grasps = _hands_at(part, fingers, pairs, limits)
+    first, second, axes = find_pairs(part, float(fingers.widths[0]), float(fingers.widths[-1]), limits.angle, rng)
+    tensors = np.einsum("ni,nj->nij", axes, axes).reshape(-1, 9)
+    pairs = spread(np.concatenate([(first + second) / 2 / part.size, tensors], axis=1), 0, rng, PAIRS)
+    grasps = _hands_at(part, fingers, first[pairs], second[pairs], axes[pairs], limits)
     if not len(grasps.widths):
         return grasps
     # In the order of a spread over places, closing directions and approaches, those that nothing of the hand touches
-    middle, tensors = grasps.contacts.mean(axis=1), np.einsum("ni,nj->nij", grasps.axes, grasps.axes).reshape(-1, 9)
+    middle, axes = grasps.contacts.mean(axis=1), grasps.normals[:, 0]
+    tensors = np.einsum("ni,nj->nij", axes, axes).reshape(-1, 9)
     features = np.concatenate([middle / part.size, tensors / 2, grasps.rotations[:, :, 2] / 2], axis=1)
-    order, kept = spread(features, int(grasps.areas.min(axis=1).argmax()), rng), list[int]()
+    order, kept = spread(features, int(grasps.areas.argmax()), rng), list[int]()
     wider = hand.widened(part.spacing), fingers.widened(part.spacing)
     for start in range(0, len(order), CHUNK):
         rows = order[start : start + CHUNK] if len(kept) < count else order[:0]
@@ -174,9 +139,11 @@ def finger_grasps(
     return grasps.chosen(np.array(kept[:count], dtype=np.int64))
 
 
-def _hands_at(part: PartSurface, fingers: FingerMaps, pairs: Pairs, limits: Any) -> FingerGrasps:
+def _hands_at(
+    part: PartSurface, fingers: FingerMaps, first: Array, second: Array, axes: Array, limits: Any
+) -> Candidates:
     """The hands about pairs whose pads touch the part over a sufficient area, at all rotations and depths."""
-    opening = float(fingers.widths[0])
+    opening, widths = float(fingers.widths[0]), np.einsum("ni,ni->n", second - first, axes)
     pads = np.median(fingers.pads, axis=0)
     half, length = (pads[1] - pads[0]) / 2, pads[3] - pads[2]
     # Rings of lines: places (R, A) by radius and angle, and their areas
@@ -188,16 +155,16 @@ def _hands_at(part: PartSurface, fingers: FingerMaps, pairs: Pairs, limits: Any)
     angles = np.arange(AROUND) * 2 * np.pi / AROUND
     sideways, ahead = radii[:, None] * np.sin(angles), radii[:, None] * np.cos(angles)
     # Depths (N, 2, R, A) from the pair at which lines of both fingers meet the part, and whether within the cone
-    basis = across(pairs.axes)
+    basis = across(axes)
     offsets = np.einsum("ra,ni->nrai", ahead, basis[0]) + np.einsum("ra,ni->nrai", sideways, basis[1])
-    depths = np.full((len(pairs.axes), 2, RINGS, AROUND), np.inf)
+    depths = np.full((len(axes), 2, RINGS, AROUND), np.inf)
     inside = np.zeros(depths.shape, dtype=bool)
-    back, cosine = (opening - pairs.widths) / 2, np.cos(WITHIN * limits.angle)
-    _, group = np.unique(pairs.axes.round(9), axis=0, return_inverse=True)
+    back, cosine = (opening - widths) / 2, np.cos(WITHIN * limits.angle)
+    _, group = np.unique(axes.round(9), axis=0, return_inverse=True)
     for number in range(int(group.max()) + 1):
         rows = np.flatnonzero(group.reshape(-1) == number)
-        for side, (points, sign) in enumerate(((pairs.first, 1.0), (pairs.second, -1.0))):
-            direction = sign * pairs.axes[rows[0]]
+        for side, (points, sign) in enumerate(((first, 1.0), (second, -1.0))):
+            direction = sign * axes[rows[0]]
             origins = points[rows, None, None] + offsets[rows] - back[rows, None, None, None] * direction
             met = part.surface.enter(origins.reshape(-1, 3), direction, 0.0)
             depths[rows, side] = met.depth.reshape(-1, RINGS, AROUND) - back[rows, None, None]
@@ -206,7 +173,7 @@ def _hands_at(part: PartSurface, fingers: FingerMaps, pairs: Pairs, limits: Any)
     turns = np.arange(0, AROUND, TURN)
     rolled = (np.arange(AROUND)[None] + turns[:, None]) % AROUND
     turned, cone = depths[..., rolled], inside[..., rolled]  # (N, 2, R, T, A)
-    found: list[FingerGrasps] = []
+    found: list[tuple[Array, ...]] = []
     for share in shares:
         pad = (np.abs(sideways) <= half) & (ahead <= share * length) & (ahead >= (share - 1.0) * length)
         on_pad = np.where(pad[:, None], turned, np.inf)
@@ -219,7 +186,7 @@ def _hands_at(part: PartSurface, fingers: FingerMaps, pairs: Pairs, limits: Any)
             z = (weight * ahead[:, None]).sum(axis=(2, 4)) / area
         extent = np.where(patch, ahead[:, None], -np.inf).max(axis=(2, 4))
         extent = extent - np.where(patch, ahead[:, None], np.inf).min(axis=(2, 4))
-        width = pairs.widths[:, None] - touch.sum(axis=1)
+        width = widths[:, None] - touch.sum(axis=1)
         apart = np.hypot(x[:, 0] - x[:, 1], z[:, 0] - z[:, 1])
         good = (area >= BEYOND * limits.area).all(axis=1) & (extent >= BEYOND * limits.overlap).all(axis=1)
         good &= (width <= opening - 2 * CLEAR) & (width >= fingers.widths[-1])
@@ -228,29 +195,27 @@ def _hands_at(part: PartSurface, fingers: FingerMaps, pairs: Pairs, limits: Any)
         if not len(pair):
             continue
         # The axes of the hand: y closes, z approaches at the angle of the rotation
-        y, wide, shift = pairs.axes[pair], width[pair, turn], touch[pair, :, turn]
+        y, wide, shift = axes[pair], width[pair, turn], touch[pair, :, turn]
         cosines, sines = np.cos(angles[turns[turn]])[:, None], np.sin(angles[turns[turn]])[:, None]
         approach = cosines * basis[0][pair] + sines * basis[1][pair]
         rotations = np.stack([np.cross(y, approach), y, approach], axis=2)
         # Both first touches are at equal distances from the middle between the pads
         middles, own_pads = fingers.at(wide)
-        centre = (pairs.first[pair] + pairs.second[pair] + (shift[:, :1] - shift[:, 1:]) * y) / 2
+        centre = (first[pair] + second[pair] + (shift[:, :1] - shift[:, 1:]) * y) / 2
         z_of_pair = own_pads[:, 3] - share * (own_pads[:, 3] - own_pads[:, 2])
         in_hand = np.column_stack([(own_pads[:, 0] + own_pads[:, 1]) / 2, middles, z_of_pair])
         aside = x[pair, :, turn][..., None] * rotations[:, None, :, 0] + z[pair, :, turn][..., None] * approach[:, None]
         contacts = centre[:, None] + np.array([-0.5, 0.5])[:, None] * (wide[:, None] * y)[:, None] + aside
         translations = centre - np.einsum("nij,nj->ni", rotations, in_hand)
-        found.append(FingerGrasps(rotations, translations, wide, contacts, area[pair, :, turn], y))
-    if not found:
-        return FingerGrasps(*(np.empty((0, *shape)) for shape in ((3, 3), (3,), (), (2, 3), (2,), (3,))))
-    return FingerGrasps(
-        *(np.concatenate(column) for column in zip(*(vars(each).values() for each in found), strict=True))
-    )
+        none, least = np.full(len(wide), np.nan), area[pair, :, turn].min(axis=1)
+        found.append((rotations, translations, contacts, np.stack([y, -y], axis=1), least, wide, none))
+    empty = [np.empty((0, *shape)) for shape in ((3, 3), (3,), (2, 3), (2, 3), (), (), ())]
+    return Candidates(*(np.concatenate(column) for column in zip(empty, *found, strict=True)))
 
 
-def _patches(part: PartSurface, fingers: FingerMaps, grasp: FingerGrasps, limits: Any) -> tuple[Array, Array] | None:
-    """The centres (2, 3) and areas (2,) of the contacts of a grasp by a grid of lines over the pads; None if small."""
-    rotation, translation, width, axis = grasp.rotations[0], grasp.translations[0], grasp.widths[0], grasp.axes[0]
+def _patches(part: PartSurface, fingers: FingerMaps, grasp: Candidates, limits: Any) -> tuple[Array, float] | None:
+    """The centres (2, 3) and the smaller area of the contacts by a grid of lines over the pads; None if small."""
+    rotation, translation, width = grasp.rotations[0], grasp.translations[0], grasp.widths[0]
     (middle,), (pad,) = fingers.at(width)
     cells = np.array([pad[1] - pad[0], pad[3] - pad[2]]) / FINE
     grid = pad[[0, 2]] + cells * (np.stack(np.meshgrid(*[np.arange(FINE)] * 2), axis=-1).reshape(-1, 2) + 0.5)
@@ -259,17 +224,15 @@ def _patches(part: PartSurface, fingers: FingerMaps, grasp: FingerGrasps, limits
     for sign in (1.0, -1.0):
         start = middle - sign * (width / 2 + back)
         own = np.column_stack([grid[:, 0], np.full(len(grid), start), grid[:, 1]])
-        met = part.surface.enter(own @ rotation.T + translation, sign * axis, 0.0)
+        direction = sign * rotation[:, 1]
+        met = part.surface.enter(own @ rotation.T + translation, direction, 0.0)
         depth = met.depth - back  # beyond the closed pad
         touch = min(0.0, float(depth.min()))
-        on = (depth <= touch + WITHIN * limits.compliance) & (
-            met.normals @ (-sign * axis) >= np.cos(WITHIN * limits.angle)
-        )
+        on = depth <= touch + WITHIN * limits.compliance
+        on &= met.normals @ -direction >= np.cos(WITHIN * limits.angle)
         areas.append(on.sum() * cells.prod())
-        if (
-            areas[-1] < CERTAIN * limits.area + 2 * cells.prod()
-            or np.ptp(grid[on, 1]) + cells[1] < CERTAIN * limits.overlap
-        ):
+        small = areas[-1] < CERTAIN * limits.area + 2 * cells.prod()
+        if small or np.ptp(grid[on, 1]) + cells[1] < CERTAIN * limits.overlap:
             return None
         heights.append(touch)
         centres.append([*grid[on, :1].mean(axis=0), middle - sign * (width / 2 - touch), grid[on, 1].mean()])
@@ -277,7 +240,7 @@ def _patches(part: PartSurface, fingers: FingerMaps, grasp: FingerGrasps, limits
     aside = np.hypot(*(np.array(centres[0]) - centres[1])[[0, 2]])
     if min(heights) < -PRESSED or aside > np.tan(WITHIN * limits.angle) * width:
         return None
-    return np.array(centres) @ rotation.T + translation, np.array(areas)
+    return np.array(centres) @ rotation.T + translation, min(areas)
 
 
 def across(axes: Array) -> tuple[Array, Array]:
@@ -288,7 +251,7 @@ def across(axes: Array) -> tuple[Array, Array]:
     return first, np.cross(axes, first)
 
 
-def _untouched(part: PartSurface, hand: HandMaps, fingers: FingerMaps, grasps: FingerGrasps) -> npt.NDArray[np.bool_]:
+def _untouched(part: PartSurface, hand: HandMaps, fingers: FingerMaps, grasps: Candidates) -> npt.NDArray[np.bool_]:
     """(N,) whether only the pads touch the part: on the approach, at the grasp, and while the fingers close."""
     swept = fingers.swept.reshape(*fingers.swept.shape[:3], -1)
     # The first width that is not larger, at which each finger has moved farther by up to half the difference

@@ -143,6 +143,28 @@ def as_part(part: Any) -> tuple[Obstacle, str]:
     return Obstacle(made.name, Mesh(part, scale=0.001)), remark
 
 
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """N hands on a part: ``part_from_hand`` as rotations and translations, with C contacts each.
+
+    ``contacts`` (N, C, 3) are the centres of the contacts, ``normals`` (N, C, 3) the directions in which the hand
+    presses there, and ``areas`` (N,) (m^2) the smaller areas of contact. ``widths`` (N,) (m) are the distances of
+    pads, and ``edges`` (N,) (m) those of the rim of a cup from edges and holes; NaN for other hands.
+    """
+
+    rotations: Array
+    translations: Array
+    contacts: Array
+    normals: Array
+    areas: Array
+    widths: Array
+    edges: Array
+
+    def chosen(self, rows: npt.NDArray[np.int64]) -> Candidates:
+        """Some of the hands."""
+        return Candidates(*(values[rows] for values in vars(self).values()))
+
+
 def spread(features: Array, first: int, rng: np.random.Generator, most: int | None = None) -> npt.NDArray[np.int64]:
     """Indices of rows (N, d), each far from those before it (T. F. Gonzalez, 1985, farthest-first traversal)."""
     count = len(features) if most is None else min(most, len(features))

@@ -18,7 +18,7 @@ from pinproof.common.validation import Rng, random_generator, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm
 from pinproof.picks.grasps.antipodal import finger_grasps
-from pinproof.picks.grasps.hand_maps import FingerMaps, HandMaps, closed_completely
+from pinproof.picks.grasps.hand_maps import HandMaps, closed_completely
 from pinproof.picks.grasps.part_surface import PartSurface
 from pinproof.picks.grasps.quality import resisted_by_cup, resisted_by_fingers
 from pinproof.picks.grasps.seals import point_grasps
@@ -38,6 +38,9 @@ ROUND = tuple(np.pi / 4 * np.array([0, 1, -1, 2, -2, 3, -3, 4]))
 
 DIGITS = 7
 """Decimals of the poses of proposals: 0.1 micrometres."""
+
+LEAST_ANGLE = np.radians(0.5)
+"""Smallest half angle of the friction cones: less than the errors of facets and of poses."""
 
 
 @described(eq=False)
@@ -217,21 +220,48 @@ def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int 
     limits = tool.grip_limits
     stated = limits.friction if tool.cup is None or tool.cup.friction is None else tool.cup.friction
     friction = float(np.tan(limits.angle)) if stated is None else stated
-    if hand.fingers is None:
-        found = _at_points(surface, hand, tool, friction, count, random)
+    fingers, spin, quality = hand.fingers, GraspSpin(ROUND), None
+    if fingers is None:
+        found = point_grasps(surface, hand, tool.cup, count, random)
+        if tool.cup is not None:
+            normals = found.normals[:, 0]
+            quality = resisted_by_cup(found.translations - surface.centre, normals, tool.cup.radius, friction)
     else:
-        found = _by_fingers(surface, hand, hand.fingers, tool, friction, count, random)
-        closed = [_closed(tool, hand, arm, each.width) for each in found]
-        found = [replace(e, grasp=replace(e.grasp, **own)) for e, own in zip(found, closed, strict=True)]
+        angle = min(limits.angle, float(np.arctan(friction)))
+        if angle < LEAST_ANGLE:
+            raise InputError(
+                f"the grip limits allow {np.degrees(angle):.2g} deg between contact normals and the closing direction, "
+                "so two fingers hold nothing; state a friction above 0 (rubber on metal: 0.5, angle 27 deg)"
+            )
+        found = finger_grasps(surface, hand, fingers, replace(limits, angle=angle), count, random)
+        torsion = 2 / 3 * np.sqrt(found.areas / np.pi)  # of an even pressure on a disc of the smaller area
+        quality = resisted_by_fingers(found.contacts - surface.centre, found.normals[:, 0], torsion, friction)
+        spin = GraspSpin(TURNED) if fingers.symmetric else None
+    resists = np.full(len(found.areas), np.nan) if quality is None else quality
+    levers = np.linalg.norm(np.cross(surface.centre - found.contacts.mean(axis=1), found.normals[:, 0]), axis=1)
+    # The values of the hand on the part, where the tool states a closed position; otherwise it closes by contact
+    hand_from_tip, held = hand.tcp_from_hand.actInv(tool.tip), {} if arm is None else arm.held
+    ends = {} if arm is None or None in tool.grip.values() else closed_completely(tool, arm)
+    kind = ANTIPODAL if fingers is not None else TIP if tool.cup is None else CUP
+    proposals = []
+    for row, width in enumerate(found.widths.tolist()):
+        own: dict[str, Any] = {}
+        if tool.fingers is not None and tool.fingers.grip is not None:
+            own["fingers"] = {"grip": round(width, DIGITS)}
+        if fingers is not None and ends:
+            share = fingers.share(width)
+            own["grip"] = {n: round(held[n] + share * (end - held[n]), DIGITS) for n, end in ends.items()}
+        tip = SE3(found.rotations[row], found.translations[row]) * hand_from_tip
+        grasp = PartGrasp(SE3(tip.rotation, tip.translation.round(DIGITS)), spin=spin, **own)
+        figures = (float(values[row]) for values in (resists, found.widths, found.areas, found.edges, levers))
+        proposals.append(ProposedGrasp(grasp, kind, *figures, found.contacts[row], found.normals[row]))
     # The best first; names state the rank
-    order = sorted(range(len(found)), key=lambda k: (-np.nan_to_num(round(found[k].resists, 9)), found[k].lever, k))
-    ranked = []
-    for number, k in enumerate(order, start=1):
-        named = f"proposed grasp {number}: {found[k].words}"
-        ranked.append(replace(found[k], grasp=replace(found[k].grasp, name=named)))
-    return ProposedGrasps(
-        tuple(ranked), surface, hand, count, tool.tip, {name: arm.held[name] for name in tool.grip} if arm else {}
+    proposals.sort(key=lambda each: (-np.nan_to_num(round(each.resists, 9)), each.lever))
+    ranked = tuple(
+        replace(each, grasp=replace(each.grasp, name=f"proposed grasp {number}: {each.words}"))
+        for number, each in enumerate(proposals, start=1)
     )
+    return ProposedGrasps(ranked, surface, hand, count, tool.tip, {name: held[name] for name in tool.grip})
 
 
 def with_proposals(picks: Picks, arm: Arm) -> Picks:
@@ -272,81 +302,3 @@ def with_proposals(picks: Picks, arm: Arm) -> Picks:
 def _proposed(part: PartType, tool: Tool, arm: Arm) -> ProposedGrasps:
     """The proposals for a part type, which are computed once."""
     return propose_grasps(part, tool, arm=arm)
-
-
-def _closed(tool: Hand, hand: HandMaps, arm: Arm | None, width: float) -> dict[str, Any]:
-    """The values of a hand on a part of a width, where the tool states its closed position; otherwise it closes."""
-    values: dict[str, Any] = {}
-    if tool.fingers is not None and tool.fingers.grip is not None:
-        values["fingers"] = {"grip": round(width, DIGITS)}
-    if hand.fingers is not None and arm is not None and None not in tool.grip.values() and tool.grip:
-        share, ends = hand.fingers.share(width), closed_completely(tool, arm)
-        values["grip"] = {
-            name: round(arm.held[name] + share * (end - arm.held[name]), DIGITS) for name, end in ends.items()
-        }
-    return values
-
-
-def _by_fingers(
-    part: PartSurface,
-    hand: HandMaps,
-    fingers: FingerMaps,
-    tool: Hand,
-    friction: float,
-    count: int,
-    rng: np.random.Generator,
-) -> list[ProposedGrasp]:
-    """Antipodal grasps with their figures."""
-    limits = tool.grip_limits
-    angle = min(limits.angle, float(np.arctan(friction)))
-    if angle < LEAST_ANGLE:
-        raise InputError(
-            f"the grip limits allow {np.degrees(angle):.2g} deg between contact normals and the closing direction, so "
-            "two fingers hold nothing; state a friction above 0 (rubber on metal: 0.5, angle 27 deg)"
-        )
-    found = finger_grasps(part, hand, fingers, replace(limits, angle=angle), count, rng)
-    normals = np.stack([found.axes, -found.axes], axis=1)
-    torsion = 2 / 3 * np.sqrt(found.areas.min(axis=1) / np.pi)  # of an even pressure on a disc of the smaller area
-    quality = resisted_by_fingers(found.contacts - part.centre, found.axes, torsion, friction)
-    away = np.cross(part.centre - found.contacts.mean(axis=1), found.axes)
-    levers = np.linalg.norm(away, axis=1)
-    spin = GraspSpin(TURNED) if fingers.symmetric else None
-    poses = _tips(hand, tool, found.rotations, found.translations)
-    rows = zip(poses, quality, found.widths, found.areas.min(axis=1), levers, found.contacts, normals, strict=True)
-    return [
-        ProposedGrasp(
-            PartGrasp(at, spin=spin), ANTIPODAL, float(q), float(width), float(area), np.nan, float(lever), c, n
-        )
-        for at, q, width, area, lever, c, n in rows
-    ]
-
-
-LEAST_ANGLE = np.radians(0.5)
-"""Smallest half angle of the friction cones: less than the errors of facets and of poses."""
-
-
-def _at_points(
-    part: PartSurface, hand: HandMaps, tool: Hand, friction: float, count: int, rng: np.random.Generator
-) -> list[ProposedGrasp]:
-    """Grasps of a cup or of a plain tip with their figures."""
-    found, cup = point_grasps(part, hand, tool.cup, count, rng), tool.cup
-    normals, points = found.rotations[:, :, 2], found.translations
-    levers = np.linalg.norm(np.cross(part.centre - points, normals), axis=1)
-    quality, area = np.full(len(points), np.nan), np.nan
-    if cup is not None:
-        quality = resisted_by_cup(points - part.centre, normals, cup.radius, friction)
-        area = np.pi * cup.radius**2
-    poses = _tips(hand, tool, found.rotations, found.translations)
-    rows = zip(poses, quality, found.edges, levers, points[:, None], normals[:, None], strict=True)
-    kind, spin = TIP if cup is None else CUP, GraspSpin(ROUND)
-    return [
-        ProposedGrasp(PartGrasp(at, spin=spin), kind, float(q), np.nan, area, float(edge), float(lever), c, n)
-        for at, q, edge, lever, c, n in rows
-    ]
-
-
-def _tips(hand: HandMaps, tool: Hand, rotations: Array, translations: Array) -> list[SE3]:
-    """``part_from_tip`` of hands, rounded."""
-    hand_from_tip = hand.tcp_from_hand.actInv(tool.tip)
-    tips = [SE3(rotation, at) * hand_from_tip for rotation, at in zip(rotations, translations, strict=True)]
-    return [SE3(tip.rotation, tip.translation.round(DIGITS)) for tip in tips]

@@ -7,14 +7,14 @@ continues, which is the distance of the seal from edges and holes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.picks.grasps.hand_maps import HandMaps
-from pinproof.picks.grasps.part_surface import PartSurface, spread
+from pinproof.picks.grasps.part_surface import Candidates, PartSurface, spread
 from pinproof.picks.input.settings import SuctionCup
 from pinproof.picks.judging.grip import HeldPart, grip_by_cup
 from pinproof.spatial import SE3, Array
@@ -31,26 +31,16 @@ CHUNK = 64
 AHEAD = 5e-4
 """Metres by which the hand may reach beyond the face: a lip is soft."""
 
-SHRUNK = 0.8
-"""Factor by which the radius of a cup is reduced to find the largest flat circle."""
+MOST_TRIED = 6
+"""Largest number of places that are tried, as a multiple of the number of grasps."""
 
-
-@dataclass(frozen=True, eq=False)
-class PointGrasps:
-    """N grasps at points: ``part_from_hand`` as rotations and translations, and the distances of edges (N,) (m)."""
-
-    rotations: Array
-    translations: Array
-    edges: Array
-
-    def chosen(self, rows: npt.NDArray[np.int64]) -> PointGrasps:
-        """Some of the grasps."""
-        return PointGrasps(*(values[rows] for values in vars(self).values()))
+SHRUNK, TRIED_SMALLER = 0.8, 64
+"""Factor by which the radius of a cup is reduced to find the largest flat circle, and number of places for each."""
 
 
 def point_grasps(
     part: PartSurface, hand: HandMaps, cup: SuctionCup | None, count: int, rng: np.random.Generator
-) -> PointGrasps:
+) -> Candidates:
     """Up to ``count`` grasps that are spread over the surface; with a ``cup``, only where it seals.
 
     Raises
@@ -58,45 +48,69 @@ def point_grasps(
     InputError
         If the cup seals nowhere; the message states the largest flat circle that was found.
     """
-    tried = np.arange(len(part.points)) if cup is None else part.flat_points(cup.radius, cup.gap)
-    every = _hands_at(part, tried, rng)
+    places = np.arange(len(part.points)) if cup is None else part.flat_points(cup.radius, cup.gap)
+    every = _hands_at(part, places, cup, rng)
     order = np.empty(0, dtype=np.int64)
-    if len(tried):
-        features = np.concatenate([part.points[tried] / part.size, part.normals[tried] / 2], axis=1)
-        order = spread(features, int(np.linalg.norm(part.points[tried] - part.centre, axis=1).argmin()), rng)
+    if len(places):
+        features = np.concatenate([part.points[places] / part.size, part.normals[places] / 2], axis=1)
+        order = spread(features, int(np.linalg.norm(part.points[places] - part.centre, axis=1).argmin()), rng)
     kept, sealed = list[int](), False
+    allowed = AHEAD if cup is None else max(AHEAD, cup.gap, cup.highest)
     for start in range(0, min(len(order), MOST_TRIED * count), CHUNK):
         rows = order[start : start + CHUNK] if len(kept) < count else order[:0]
-        for row in rows[_rim_is_near(part, every.chosen(rows), cup)].tolist() if cup is not None else rows.tolist():
-            placed = SE3(every.rotations[row], every.translations[row])
-            every.edges[row] = np.inf if cup is None else seal(part, placed, cup)
-            sealed |= every.edges[row] > 0.0
-            if every.edges[row] >= NEAREST_EDGE and _is_free(part, hand, placed, cup):
+        for row in rows if cup is None else rows[_rim_is_near(part, every.chosen(rows), cup)]:
+            rotation, point = every.rotations[row], every.translations[row]
+            if cup is not None:
+                every.edges[row] = edge = seal(part, SE3(rotation, point), cup)
+                sealed |= edge > 0.0
+                if edge < NEAREST_EDGE:
+                    continue
+            # Nothing of the hand is in the part at the grasp and on the straight approach
+            own = (part.cloud - point) @ rotation
+            if not (own[:, 2] < hand.grid.lookup(hand.front, own[:, :2], -np.inf) - allowed).any():
                 kept.append(row)
-    if cup is not None and not sealed:
-        raise InputError(_no_seal(part, cup, rng))
-    return every.chosen(np.array(kept[:count], dtype=np.int64))
+    if cup is None or sealed:
+        return every.chosen(np.array(kept[:count], dtype=np.int64))
+    # The largest flat circle
+    radius = cup.radius
+    while radius > 0.02 * cup.radius:
+        radius *= SHRUNK
+        smaller = replace(cup, radius=radius)
+        hands = _hands_at(part, rng.permutation(part.flat_points(radius, cup.gap))[:TRIED_SMALLER], smaller, rng)
+        placed = zip(hands.rotations, hands.translations, strict=True)
+        if any(seal(part, SE3(*one), smaller) for one in placed):
+            raise InputError(
+                f"{part.obstacle.name} has no place where a cup with a radius of {cup.radius * 1e3:.1f} mm seals; the "
+                f"largest flat circle that was found has a radius of about {radius * 1e3:.1f} mm; use a smaller cup, "
+                "bellows with a larger gap, or fingers"
+            )
+    raise InputError(f"{part.obstacle.name} has no place that is flat enough for a cup; use fingers")
 
 
-MOST_TRIED = 6
-"""Largest number of places that are tried, as a multiple of the number of grasps."""
-
-
-def _hands_at(part: PartSurface, rows: npt.NDArray[np.int64], rng: np.random.Generator) -> PointGrasps:
+def _hands_at(
+    part: PartSurface, rows: npt.NDArray[np.int64], cup: SuctionCup | None, rng: np.random.Generator
+) -> Candidates:
     """Hands with the tip on points of a part and z along the inward normals, at random rotations about them."""
-    inward = -part.normals[rows]
+    points, inward = part.points[rows], -part.normals[rows]
     across = rng.normal(size=inward.shape)
     x = across - np.einsum("ni,ni->n", across, inward)[:, None] * inward
     x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return PointGrasps(
-        np.stack([x, np.cross(inward, x), inward], axis=2), part.points[rows], np.full(len(rows), np.inf)
-    )
+    rotations = np.stack([x, np.cross(inward, x), inward], axis=2)
+    areas = np.full(len(rows), np.nan if cup is None else np.pi * cup.radius**2)
+    widths, edges = np.full((2, len(rows)), np.nan)
+    return Candidates(rotations, points, points[:, None], inward[:, None], areas, widths, edges)
 
 
-def _rim_is_near(part: PartSurface, hands: PointGrasps, cup: SuctionCup) -> npt.NDArray[np.bool_]:
-    """(N,) whether the surface continues to a little outside of the rim; one set of lines for equal normals."""
+def _circle(radii: Array | float) -> Array:
+    """(..., AROUND, 3) points on circles about the z axis."""
     angles = np.arange(AROUND) * 2 * np.pi / AROUND
-    rim = (cup.radius + NEAREST_EDGE) * np.stack([np.cos(angles), np.sin(angles), np.zeros(AROUND)], axis=1)
+    unit = np.stack([np.cos(angles), np.sin(angles), np.zeros(AROUND)], axis=1)
+    return np.asarray(radii)[..., None, None] * unit
+
+
+def _rim_is_near(part: PartSurface, hands: Candidates, cup: SuctionCup) -> npt.NDArray[np.bool_]:
+    """(N,) whether the surface continues to a little outside of the rim; one set of lines for equal normals."""
+    rim = _circle(cup.radius + NEAREST_EDGE)
     _, group = np.unique(hands.rotations[:, :, 2].round(7), axis=0, return_inverse=True)
     near = np.zeros(len(group), dtype=bool)
     for number in np.unique(group):
@@ -112,41 +126,8 @@ def seal(part: PartSurface, part_from_tip: SE3, cup: SuctionCup) -> float:
     if not grip_by_cup(cup, SE3.Identity(), HeldPart(part.surface, part_from_tip.inverse())).held:
         return 0.0
     radii = cup.radius * np.linspace(1.0, 2.0, RINGS + 1)
-    angles = np.arange(AROUND) * 2 * np.pi / AROUND
-    rings = radii[:, None, None] * np.stack([np.cos(angles), np.sin(angles), np.zeros(AROUND)], axis=1)
-    lines = rings.reshape(-1, 3) @ part_from_tip.rotation.T + part_from_tip.translation
+    lines = _circle(radii).reshape(-1, 3) @ part_from_tip.rotation.T + part_from_tip.translation
     met = part.surface.enter(lines, np.array(part_from_tip.rotation[:, 2])).depth.reshape(RINGS + 1, AROUND)
     # curved surfaces leave the plane of the face farther out, by the square of the radius
     beyond = np.any(np.abs(met) > cup.gap * (radii[:, None] / cup.radius) ** 2, axis=1)
     return float(radii[beyond.argmax() - 1] - cup.radius) if beyond[1:].any() else cup.radius
-
-
-def _is_free(part: PartSurface, hand: HandMaps, part_from_hand: SE3, cup: SuctionCup | None) -> bool:
-    """Whether nothing of the hand is in the part at the grasp and on the straight approach."""
-    own = (part.cloud - part_from_hand.translation) @ part_from_hand.rotation
-    allowed = AHEAD if cup is None else max(AHEAD, cup.gap, cup.highest)
-    return not (own[:, 2] < hand.grid.lookup(hand.front, own[:, :2], -np.inf) - allowed).any()
-
-
-def _no_seal(part: PartSurface, cup: SuctionCup, rng: np.random.Generator) -> str:
-    """Why a cup holds a part nowhere: the largest flat circle."""
-    radius = cup.radius
-    while radius > 0.02 * cup.radius:
-        radius *= SHRUNK
-        smaller = replace(cup, radius=radius)
-        rows = part.flat_points(radius, cup.gap)
-        hands = _hands_at(part, rng.permutation(rows)[:TRIED_SMALLER], rng)
-        tried = zip(hands.rotations, hands.translations, strict=True)
-        if any(seal(part, SE3(*placed), smaller) for placed in tried):
-            break
-    else:
-        return f"{part.obstacle.name} has no place that is flat enough for a cup; use fingers"
-    return (
-        f"{part.obstacle.name} has no place where a cup with a radius of {cup.radius * 1e3:.1f} mm seals; the largest "
-        f"flat circle that was found has a radius of about {radius * 1e3:.1f} mm; use a smaller cup, bellows with a "
-        "larger gap, or fingers"
-    )
-
-
-TRIED_SMALLER = 64
-"""Number of places at which a smaller cup is tried."""

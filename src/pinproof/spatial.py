@@ -103,10 +103,7 @@ def frozen(transform: pin.SE3) -> FrozenSE3:
 
 
 def pose(
-    xyz: npt.ArrayLike = (0.0, 0.0, 0.0),
-    rpy: npt.ArrayLike | None = None,
-    *,
-    quat_xyzw: npt.ArrayLike | None = None,
+    xyz: npt.ArrayLike = (0.0, 0.0, 0.0), rpy: npt.ArrayLike | None = None, *, quat_xyzw: npt.ArrayLike | None = None
 ) -> pin.SE3:
     """Create a rigid transform from a position and an orientation.
 

@@ -7,22 +7,9 @@ from enum import Enum
 from operator import attrgetter
 
 from pinproof.cell.placement.placement_result import total_time
+from pinproof.common import structs as st
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Rows, Saved, View, Written
-from pinproof.common.structs import (
-    ANY_TEXT,
-    COUNT,
-    OPTIONAL_NUMBER,
-    TEXT,
-    choice,
-    key,
-    mapping_to,
-    optional,
-    report_table,
-    reported,
-    required,
-    struct,
-)
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks import PickReport, PickStatus, PickVerdict
@@ -45,30 +32,32 @@ class PickChange(Enum):
     """The pick is good neither before nor after the change."""
 
 
-SIDE = report_table(
+SIDE = st.report_table(
     "compared_verdict",
     "The verdict on a pick in one set-up.",
-    required(
+    st.required(
         "verdict",
-        choice(*(status.value for status in PickStatus)),
+        st.choice(*(status.value for status in PickStatus)),
         "the verdict",
         get=lambda verdict: verdict.status,
     ),
-    required("failed_at", optional(ANY_TEXT), "the stage that failed; null for a good pick", get=attrgetter("failed")),
-    required("duration", OPTIONAL_NUMBER, "duration of the motion", "s", lambda verdict: _seconds(verdict)),
-    required("reason", ANY_TEXT, "why it failed"),
+    st.required(
+        "failed_at", st.optional(st.ANY_TEXT), "the stage that failed; null for a good pick", get=attrgetter("failed")
+    ),
+    st.required("duration", st.OPTIONAL_NUMBER, "duration of the motion", "s", lambda verdict: _seconds(verdict)),
+    st.required("reason", st.ANY_TEXT, "why it failed"),
 )
 
 
-@struct("difference", first=("name", "change"), written=True, eq=False)
+@st.struct("difference", first=("name", "change"), written=True, eq=False)
 class PickDifference:
     """One pick in both set-ups, before and after a change."""
 
-    change: PickChange = key("how the verdict changes")
-    before: PickVerdict = key("in the first set-up", kind=SIDE)
-    after: PickVerdict = key("in the second set-up", kind=SIDE)
+    change: PickChange = st.key("how the verdict changes")
+    before: PickVerdict = st.key("in the first set-up", kind=SIDE)
+    after: PickVerdict = st.key("in the second set-up", kind=SIDE)
 
-    @reported(kind=TEXT)
+    @st.reported(kind=st.TEXT)
     def name(self) -> str:
         """The name of the pick."""
         return self.before.pick.name
@@ -99,7 +88,7 @@ def _seconds(verdict: PickVerdict) -> float | None:
     return None if verdict.trajectory is None else verdict.trajectory.duration
 
 
-@struct(
+@st.struct(
     "comparison",
     first=("ok", "summary", "counts", "seconds_before", "seconds_after", "cycle_time_before", "cycle_time_after"),
     written=True,
@@ -109,10 +98,10 @@ def _seconds(verdict: PickVerdict) -> float | None:
 class CellComparison(Saved, Written):
     """Two set-ups compared pick by pick. Readers must accept unknown keys: they are additions of the same version."""
 
-    before: PickReport = key("the first report", hidden=True)
-    after: PickReport = key("the second report, on the same picks", hidden=True)
-    differences: tuple[PickDifference, ...] = key("the picks, in the order of the first report", name="picks")
-    least: float = key("the smallest difference that counts as faster or slower", "s", hidden=True)
+    before: PickReport = st.key("the first report", hidden=True)
+    after: PickReport = st.key("the second report, on the same picks", hidden=True)
+    differences: tuple[PickDifference, ...] = st.key("the picks, in the order of the first report", name="picks")
+    least: float = st.key("the smallest difference that counts as faster or slower", "s", hidden=True)
 
     def of(self, change: PickChange) -> tuple[PickDifference, ...]:
         """The picks with one kind of change."""
@@ -124,37 +113,37 @@ class CellComparison(Saved, Written):
         both = [pick for pick in self.differences if pick.gained is not None]
         return sum(pick.seconds[0] or 0.0 for pick in both), sum(pick.seconds[1] or 0.0 for pick in both)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def seconds_before(self) -> float:
         """Sum of the times of the picks that are good in both, in the first."""
         return self.seconds[0]
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def seconds_after(self) -> float:
         """The same in the second."""
         return self.seconds[1]
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def cycle_time_before(self) -> float:
         """Sum of the times of all good picks of the first."""
         return total_time(self.before)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def cycle_time_after(self) -> float:
         """Sum of the times of all good picks of the second."""
         return total_time(self.after)
 
-    @reported(kind=mapping_to(COUNT))
+    @st.reported(kind=st.mapping_to(st.COUNT))
     def counts(self) -> dict[str, int]:
         """Number of picks by kind of change."""
         return {change.value: len(self.of(change)) for change in PickChange}
 
-    @reported()
+    @st.reported()
     def ok(self) -> bool:
         """Whether no pick is lost."""
         return not self.of(PickChange.LOST)
 
-    @reported()
+    @st.reported()
     def summary(self) -> str:
         """The number of picks with each change, and the change of the time."""
         counts = ", ".join(f"{number} {change}" for change, number in self.counts.items() if number)

@@ -10,26 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pinproof import viewer
 from pinproof.collision import proven_millimetres
 from pinproof.common.files import os_errors
 from pinproof.common.results import Rows
 from pinproof.errors import FileError, ViewerError
 from pinproof.model import guess_note
 from pinproof.spatial import SE3
-from pinproof.viewer import (
-    Bar,
-    ColouredPoints,
-    Drawing,
-    Film,
-    box_corners,
-    choose_view,
-    node_path,
-    panels,
-    placed_points,
-    stage_commands,
-    tool_points,
-    tracks,
-)
 
 RATE = 15.0
 """Key frames per second; the viewer interpolates between them."""
@@ -58,8 +45,8 @@ class CellRow(NamedTuple):
 
 def write_cell_page(
     path: str | Path,
-    stage: Drawing,
-    shown: Film,
+    stage: viewer.Drawing,
+    shown: viewer.Film,
     *,
     title: str,
     summary: str,
@@ -68,11 +55,11 @@ def write_cell_page(
     duration: float,
     rows: Sequence[CellRow],
     left_out: Sequence[tuple[str, str]],
-    bars: Sequence[Bar],
+    bars: Sequence[viewer.Bar],
     lanes: Sequence[str],
     acceleration_source: str,
     several: bool = False,
-    heat_map: ColouredPoints | None = None,
+    heat_map: viewer.ColouredPoints | None = None,
 ) -> None:
     """Write the page of a film of ``duration`` (s), whose carried parts are obstacles of the stage.
 
@@ -85,15 +72,17 @@ def write_cell_page(
     few = shown.poses[:: -(-len(shown.times) // FRAMED)]
     extra = [np.empty((0, 3)) if heat_map is None else heat_map.xyz]
     carried = [thing for thing in stage.obstacles if thing.name in shown.riders and thing.surfaces]
-    extra += [placed_points(box_corners(thing.surfaces), shown.riders[thing.name][[0, -1]]) for thing in carried]
+    extra += [
+        viewer.placed_points(viewer.box_corners(thing.surfaces), shown.riders[thing.name][[0, -1]]) for thing in carried
+    ]
     points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
-    view = choose_view(stage, few, points, tool=tool_points(stage, few))
-    commands = stage_commands(stage, Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
+    view = viewer.choose_view(stage, few, points, tool=viewer.tool_points(stage, few))
+    commands = viewer.stage_commands(stage, viewer.Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
     if heat_map is not None:
         heat_map.draw(commands)
-    places = {thing.name: node_path("scene", thing.name) for thing in stage.obstacles}
+    places = {thing.name: viewer.node_path("scene", thing.name) for thing in stage.obstacles}
     rest = max(duration - float(shown.times[-1]), LAST)
-    commands.set_animation(tracks(commands, stage, shown, places, rest=rest))
+    commands.set_animation(viewer.tracks(commands, stage, shown, places, rest=rest))
     # The table of the picks
     cells: list[tuple[object, ...]] = []
     for number, row in enumerate(rows, start=1):
@@ -106,23 +95,23 @@ def write_cell_page(
         guess_note(acceleration_source) or f"Acceleration limits: {acceleration_source}",
         *stage.notes,
     ]
-    table = panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes)
+    table = viewer.panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes)
     moments = [[row.start, row.start + row.duration] for row in rows]
-    text = panels.page(
+    text = viewer.panels.page(
         title,
         "cell",
-        panels.gantt(bars, lanes, duration, named=several) + table,
+        viewer.panels.gantt(bars, lanes, duration, named=several) + table,
         {**view.settings(), "duration": duration, "moments": moments},
         commands,
         label="The robot in its cell",
         summary=escape(summary),
-        head=panels.figures(figures),
+        head=viewer.panels.figures(figures),
         colours=() if heat_map is None else heat_map.legend,
     )
-    panels.write_page(path, text)
+    viewer.panels.write_page(path, text)
 
 
-def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> ColouredPoints:
+def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> viewer.ColouredPoints:
     """Points on the floor from the table of a placement search: for each x and y the largest share of picks that pass.
 
     Parameters
@@ -155,4 +144,4 @@ def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> Colour
     steps = [np.diff(np.unique(points[:, axis])) for axis in (0, 1)]
     size = 0.5 * min((float(step.min()) for step in steps if len(step)), default=0.05)
     placed = points if root_from_cell is None else np.array([root_from_cell.act(point) for point in points])
-    return ColouredPoints.of_values(placed, list(best.values()), label="share of picks:", size=min(size, 0.05))
+    return viewer.ColouredPoints.of_values(placed, list(best.values()), label="share of picks:", size=min(size, 0.05))

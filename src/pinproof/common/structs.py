@@ -12,7 +12,8 @@
 From the declaration follow the reader with line and column (:meth:`Table.read`), the JSON Schema for editors and the
 manual (:func:`json_schema`), the checks of the constructor, and the docstring. The type of a field is its annotation;
 ``Annotated[type, kind]`` or ``key(kind=...)`` states a :class:`Kind` where the type does not say enough. A
-:class:`Table` may also be made of keys without a class; :meth:`Table.write` writes a result as such a mapping.
+:class:`Table` may also be made of keys without a class; :meth:`Table.write` writes a result as such a mapping. A module
+that declares a file with many kinds of values imports this one as ``st``.
 """
 
 from __future__ import annotations

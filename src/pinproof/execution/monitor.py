@@ -29,13 +29,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import (
-    Certificate,
-    CollisionChecker,
-    certify,
-    is_proven_free,
-    setup_of,
-)
+from pinproof.collision import Certificate, CollisionChecker, certify, is_proven_free, setup_of
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive, require_type

@@ -27,21 +27,9 @@ from pinproof.collision import (
     checked_margin,
     only_arm,
 )
+from pinproof.common import structs as st
 from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.common.results import Answer, Rows, Shown, View
-from pinproof.common.structs import (
-    ANY_TEXT,
-    NOT_NEGATIVE,
-    PLAIN_NUMBER,
-    Kind,
-    Table,
-    described,
-    errors_of,
-    key,
-    list_of,
-    required,
-    schema_version,
-)
 from pinproof.common.validation import require_type
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.execution.monitor import per_joint
@@ -68,41 +56,43 @@ MOST_ATTEMPTS = 6
 SCHEMA = "pinproof/library/1"
 """The version of the format, raised by breaking changes."""
 
-STORED = Table(
+STORED = st.Table(
     "stored_motion",
     "A motion of the library.",
-    required("name", ANY_TEXT, "name of the motion"),
-    required("sha256", ANY_TEXT, "hash (SHA-256, hexadecimal) of its curve"),
-    required(
+    st.required("name", st.ANY_TEXT, "name of the motion"),
+    st.required("sha256", st.ANY_TEXT, "hash (SHA-256, hexadecimal) of its curve"),
+    st.required(
         "motion",
-        Kind(MOTION, lambda _, motion: motion, lambda _, message, path: from_message(Reader(path), message)),
+        st.Kind(MOTION, lambda _, motion: motion, lambda _, message, path: from_message(Reader(path), message)),
         "the motion, as in a motion file",
     ),
 )
 
-LIBRARY = Table(
+LIBRARY = st.Table(
     "library",
     "A library of motions. A file contains no proofs: the motions are certified again when it is read.",
-    schema_version(SCHEMA),
-    required("made_by", ANY_TEXT, "the program that wrote the file"),
-    required("robot", ANY_TEXT, "name of the robot"),
-    required("robot_sha256", ANY_TEXT, "hash of kinematics, joints, held joints and link geometry"),
-    required("tool_sha256", ANY_TEXT, "hash of the attached objects"),
-    required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
-    required("joint_tolerance", list_of(NOT_NEGATIVE, 1), "deviation of each joint that is covered", "rad or m"),
-    required("obstacle_tolerance", NOT_NEGATIVE, "displacement of obstacles that is covered", "m"),
-    required("motions", list_of(STORED), "the motions"),
+    st.schema_version(SCHEMA),
+    st.required("made_by", st.ANY_TEXT, "the program that wrote the file"),
+    st.required("robot", st.ANY_TEXT, "name of the robot"),
+    st.required("robot_sha256", st.ANY_TEXT, "hash of kinematics, joints, held joints and link geometry"),
+    st.required("tool_sha256", st.ANY_TEXT, "hash of the attached objects"),
+    st.required("margin", st.PLAIN_NUMBER, "required distance between any two bodies", "m"),
+    st.required(
+        "joint_tolerance", st.list_of(st.NOT_NEGATIVE, 1), "deviation of each joint that is covered", "rad or m"
+    ),
+    st.required("obstacle_tolerance", st.NOT_NEGATIVE, "displacement of obstacles that is covered", "m"),
+    st.required("motions", st.list_of(STORED), "the motions"),
 )
 
 
-@described(eq=False)
+@st.described(eq=False)
 class StoredMotion(Shown):
     """A motion of a library, with its certificate in the scene of the library."""
 
-    name: str = key("its name")
-    trajectory: Trajectory = key("the motion")
-    certificate: Certificate = key("the certificate for the checker of the library: FREE, COLLIDING or UNDECIDED")
-    proof: StoredProof | None = key(
+    name: str = st.key("its name")
+    trajectory: Trajectory = st.key("the motion")
+    certificate: Certificate = st.key("the certificate for the checker of the library: FREE, COLLIDING or UNDECIDED")
+    proof: StoredProof | None = st.key(
         "its latest FREE certificate with evidence, in this scene or in an earlier one; None without one"
     )
 
@@ -116,17 +106,17 @@ class StoredMotion(Shown):
         return View(head, [self.certificate, self.trajectory], (repr(self.trajectory),), title=self.name)
 
 
-@described(eq=False)
+@st.described(eq=False)
 class RepairResult(Answer):
     """The outcome of a repair."""
 
-    library: MotionLibrary = key("the library with the repaired motion; the library itself if the repair failed")
-    motion: StoredMotion = key("the motion of ``library``: FREE if the repair succeeded")
-    replaced: tuple[float, float] | None = key(
+    library: MotionLibrary = st.key("the library with the repaired motion; the library itself if the repair failed")
+    motion: StoredMotion = st.key("the motion of ``library``: FREE if the repair succeeded")
+    replaced: tuple[float, float] | None = st.key(
         "start and end (s) of the part of the former motion that was replaced; None if nothing was replaced"
     )
-    plan: PlanResult | None = key("the last plan; None if no part was planned again")
-    message: str = key("the outcome as a sentence")
+    plan: PlanResult | None = st.key("the last plan; None if no part was planned again")
+    message: str = st.key("the outcome as a sentence")
 
     @property
     def ok(self) -> bool:
@@ -444,7 +434,7 @@ class MotionLibrary(Shown):
         """
         path = Path(path)
         content = Reader(path).json(read_text(path, FileError))
-        with errors_of(path, FileError):
+        with st.errors_of(path, FileError):
             data = LIBRARY.parse("the file", content, path)
         # The setup must be the same
         own, group = _setup(checker), checker.group

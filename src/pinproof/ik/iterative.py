@@ -28,17 +28,7 @@ from pinproof.ik.loop import (
     keep,
     seeds_of,
 )
-from pinproof.ik.result import (
-    STATUSES,
-    IkBatch,
-    IkResult,
-    IkSolutions,
-    IkStatus,
-    difference,
-    not_found,
-    plural,
-    wraps,
-)
+from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkSolutions, IkStatus, difference, not_found, plural, wraps
 from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
@@ -281,14 +271,7 @@ class IterativeIk(ABC):
         )
 
     def _search(
-        self,
-        arm: Arm,
-        target: Array,
-        start: Array,
-        rng: Rng,
-        task: Task,
-        goal: GoalLike | None,
-        on_step: OnStep | None,
+        self, arm: Arm, target: Array, start: Array, rng: Rng, task: Task, goal: GoalLike | None, on_step: OnStep | None
     ) -> tuple[Search, str]:
         """The attempts for a target (4, 4), and the name of the engine that makes them."""
         self.check(arm, task, goal)

@@ -79,10 +79,7 @@ class Payload(ByValue):
 
     mass: float = key("mass, above 0", "kg", above=0)
     center_of_mass: Accepting[Array, npt.ArrayLike] = key(
-        "(3,) centre of mass, in the axes of `frame`",
-        "m",
-        default=(0.0, 0.0, 0.0),
-        kind=array_of(vector(), (3,)),
+        "(3,) centre of mass, in the axes of `frame`", "m", default=(0.0, 0.0, 0.0), kind=array_of(vector(), (3,))
     )
     inertia: Accepting[Array | None, npt.ArrayLike | None] = key(
         "inertia about the centre of mass, in the axes of `frame`: the diagonal (3,), or three rows (3, 3); by default "

@@ -21,6 +21,7 @@ from typing import Annotated, Any, NamedTuple, NoReturn, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common import structs as st
 from pinproof.common.files import (
     YAML_SUFFIXES,
     csv_text,
@@ -32,28 +33,6 @@ from pinproof.common.files import (
     write_text_whole,
 )
 from pinproof.common.results import Written
-from pinproof.common.structs import (
-    ANY_TEXT,
-    ANYTHING,
-    COUNT,
-    NOT_NEGATIVE,
-    OPTIONAL_NUMBER,
-    PLAIN_NUMBER,
-    Key,
-    Kind,
-    Misread,
-    Table,
-    any_of,
-    choice,
-    integer,
-    key,
-    list_of,
-    mapping_to,
-    required,
-    step,
-    struct,
-    table_of,
-)
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.spatial import Array
 
@@ -86,7 +65,7 @@ _TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
 Codec = TypeVar("Codec")
 
 
-@struct("record")
+@st.struct("record")
 class MotionRecord(Written):
     """The setup with which a motion, or a part of it, was certified. A record is not a proof.
 
@@ -96,35 +75,35 @@ class MotionRecord(Written):
     written by :meth:`pinproof.Certificate.save`.
     """
 
-    name: str = key("name of the part, such as `transit`; `motion` if there is only one", kind=ANY_TEXT)
-    start: float = key("start of the part from the start of the motion", "s", kind=PLAIN_NUMBER)
-    end: float = key("end of the part", "s", kind=PLAIN_NUMBER)
-    status: str = key("status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", kind=ANY_TEXT)
-    clearance: Annotated[float | None, OPTIONAL_NUMBER] = key(
+    name: str = st.key("name of the part, such as `transit`; `motion` if there is only one", kind=st.ANY_TEXT)
+    start: float = st.key("start of the part from the start of the motion", "s", kind=st.PLAIN_NUMBER)
+    end: float = st.key("end of the part", "s", kind=st.PLAIN_NUMBER)
+    status: str = st.key("status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", kind=st.ANY_TEXT)
+    clearance: Annotated[float | None, st.OPTIONAL_NUMBER] = st.key(
         "proven clearance; null if none was proven or no obstacle exists", "m"
     )
-    margin: float = key("required distance between any two bodies", "m", kind=PLAIN_NUMBER)
-    pairs: int = key("number of pairs of bodies that were checked")
-    curve: str = key("hash of the certified curve", kind=ANY_TEXT)
-    setup: str = key("hash of the arm, the scene and the attached bodies", kind=ANY_TEXT)
-    attached: Mapping[str, str] = key(
+    margin: float = st.key("required distance between any two bodies", "m", kind=st.PLAIN_NUMBER)
+    pairs: int = st.key("number of pairs of bodies that were checked")
+    curve: str = st.key("hash of the certified curve", kind=st.ANY_TEXT)
+    setup: str = st.key("hash of the arm, the scene and the attached bodies", kind=st.ANY_TEXT)
+    attached: Mapping[str, str] = st.key(
         "the bodies attached to the tcp: a hash of shape and pose by name",
         default_factory=dict,
         required=True,
-        kind=mapping_to(ANY_TEXT),
+        kind=st.mapping_to(st.ANY_TEXT),
     )
-    held: Mapping[str, float] = key(
+    held: Mapping[str, float] = st.key(
         "values of joints outside the arm, by name",
         "rad or m",
         default_factory=dict,
         required=True,
-        kind=mapping_to(PLAIN_NUMBER),
+        kind=st.mapping_to(st.PLAIN_NUMBER),
     )
-    obstacles: tuple[str, ...] = key(
-        "names of the obstacles of the scene", default=(), required=True, kind=list_of(ANY_TEXT)
+    obstacles: tuple[str, ...] = st.key(
+        "names of the obstacles of the scene", default=(), required=True, kind=st.list_of(st.ANY_TEXT)
     )
-    constraints: tuple[str, ...] = key(
-        "the certified constraints of the tcp, with all their numbers", default=(), kind=list_of(ANY_TEXT)
+    constraints: tuple[str, ...] = st.key(
+        "the certified constraints of the tcp, with all their numbers", default=(), kind=st.list_of(st.ANY_TEXT)
     )
 
     def same_setup(self, other: MotionRecord) -> bool:
@@ -156,12 +135,12 @@ def stamp(nanoseconds: int) -> dict[str, int]:
     return {"sec": nanoseconds // NANO, "nanosec": nanoseconds % NANO}
 
 
-def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
-    return Table(
+def _time_of(seconds: str, nanoseconds: str, of: str) -> st.Table:
+    return st.Table(
         f"time_of_{of}",
         f"A time as in {of.upper().replace('ROS', 'ROS ')}.",
-        required(seconds, COUNT, "whole seconds", "s"),
-        required(nanoseconds, integer(0, NANO - 1), "nanoseconds", "ns"),
+        st.required(seconds, st.COUNT, "whole seconds", "s"),
+        st.required(nanoseconds, st.integer(0, NANO - 1), "nanoseconds", "ns"),
         make=lambda **stated: checked_nanoseconds(*stated.values()),
     )
 
@@ -169,50 +148,50 @@ def _time_of(seconds: str, nanoseconds: str, of: str) -> Table:
 TIME = _time_of(*_TIME_KEYS[0], "ros2")
 
 # A time in nanoseconds, which files state as in ROS 2.
-CLOCK = Kind(TIME, lambda _, clock: clock, TIME.parse, stamp)
+CLOCK = st.Kind(TIME, lambda _, clock: clock, TIME.parse, stamp)
 # The keys of points that motions and programs share.
 STATE_KEYS = (
-    required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
-    required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+    st.required("positions", st.list_of(st.PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
+    st.required("velocities", st.list_of(st.PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
 )
 
-POINT = Table(
+POINT = st.Table(
     "point",
     "The state of all joints at one time. Either all points have accelerations, or none has.",
     *STATE_KEYS,
-    Key(
+    st.Key(
         "accelerations",
-        list_of(PLAIN_NUMBER),
+        st.list_of(st.PLAIN_NUMBER),
         "one for each joint, for quintic interpolation; by default none",
         "rad/s² or m/s²",
     ),
-    Key("effort", list_of(PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
-    required(
+    st.Key("effort", st.list_of(st.PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
+    st.required(
         "time_from_start",
-        any_of(NOT_NEGATIVE, TIME, _time_of(*_TIME_KEYS[1], "ros1")),
+        st.any_of(st.NOT_NEGATIVE, TIME, _time_of(*_TIME_KEYS[1], "ros1")),
         "time from the start of the motion; 0 for the first point, then strictly increasing",
         "s",
     ),
 )
 
-RECORDS = list_of(table_of(MotionRecord))
+RECORDS = st.list_of(st.table_of(MotionRecord))
 
-META = Table(
+META = st.Table(
     "metadata",
     "What a message does not state. The values are checked, because another interpolation is another motion.",
-    required("version", choice(1), "version of this format"),
-    required(
+    st.required("version", st.choice(1), "version of this format"),
+    st.required(
         "interpolant",
-        choice(*INTERPOLANTS.values()),
+        st.choice(*INTERPOLANTS.values()),
         "the curve between points; quintic with accelerations, otherwise cubic",
     ),
-    required(
+    st.required(
         "units",
-        choice(CUBIC_UNITS, UNITS),
+        st.choice(CUBIC_UNITS, UNITS),
         "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
     ),
-    Key("limits_note", ANY_TEXT, "where the limits of the timing come from", "", ""),
-    Key("certified", RECORDS, "how the motion was certified", "", []),
+    st.Key("limits_note", st.ANY_TEXT, "where the limits of the timing come from", "", ""),
+    st.Key("certified", RECORDS, "how the motion was certified", "", []),
 )
 
 
@@ -221,13 +200,13 @@ def _metadata_of(kind: str, units: dict[str, str]) -> dict[str, Any]:
     return {"properties": {"pinproof": {"properties": stated}}}
 
 
-MOTION = Table(
+MOTION = st.Table(
     "motion",
     "A timed motion: a message trajectory_msgs/JointTrajectory, with metadata of pinproof.",
-    Key("header", ANYTHING, "header of the message; ignored"),
-    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
-    required("points", list_of(POINT, 1), "the points in the order of time"),
-    Key("pinproof", META, "metadata; a message of another program has none"),
+    st.Key("header", st.ANYTHING, "header of the message; ignored"),
+    st.required("joint_names", st.list_of(st.ANY_TEXT, 1), "names of the joints"),
+    st.required("points", st.list_of(POINT, 1), "the points in the order of time"),
+    st.Key("pinproof", META, "metadata; a message of another program has none"),
     rules={
         "if": {
             "properties": {
@@ -308,7 +287,7 @@ class Reader:
         """Raise a TrajectoryError."""
         raise TrajectoryError(self.path, reason, place)
 
-    def known_keys(self, data: dict[str, Any], table: Table, place: str) -> None:
+    def known_keys(self, data: dict[str, Any], table: st.Table, place: str) -> None:
         """Check that all required keys and no unknown keys exist."""
         if missing := [key for key in table.required if key not in data]:
             self.fail(f"lacks {', '.join(missing)}", place)
@@ -364,8 +343,8 @@ class Reader:
             self.fail("limits_note must be a string", place)
         where = f"{place}.certified" if place == "pinproof" else f"{place}, certified"
         try:
-            certified = tuple(step(where, "", RECORDS.read, "certified", stated.get("certified", []), self.path))
-        except Misread as error:
+            certified = tuple(st.step(where, "", RECORDS.read, "certified", stated.get("certified", []), self.path))
+        except st.Misread as error:
             self.fail(error.reason, error.place.removeprefix("key "))
         _, clock, q, velocities, accelerations = zip(*points, strict=True)
         shape = len(points), len(names)
@@ -513,8 +492,7 @@ _READERS: dict[str, Callable[[Reader, str], Record]] = {
     ".json": lambda reader, text: from_message(reader, reader.json(text)),
     ".csv": from_csv,
     **dict.fromkeys(
-        YAML_SUFFIXES,
-        lambda reader, _: from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError)),
+        YAML_SUFFIXES, lambda reader, _: from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
     ),
 }
 

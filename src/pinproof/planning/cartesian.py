@@ -15,14 +15,7 @@ from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkTask, TaskName
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
-from pinproof.planning.follow import (
-    FollowedRoute,
-    Route,
-    RouteFollower,
-    line_task,
-    nearest_target,
-    routes_through,
-)
+from pinproof.planning.follow import FollowedRoute, Route, RouteFollower, line_task, nearest_target, routes_through
 from pinproof.planning.plan_results import LinearPlanResult, LinearStatus, PosesPlanResult
 from pinproof.spatial import SE3, Array, rigid, rigid_many
 

@@ -28,15 +28,7 @@ from pinproof.collision import CollisionChecker, PathConstraint, certify, check_
 from pinproof.errors import InputError
 from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.plan_results import PlanProgress, PlanResult, PlanStatus, Progress
-from pinproof.planning.problem import (
-    Edges,
-    Ends,
-    manifold_of,
-    no_path,
-    read_ends,
-    sampling_box,
-    with_turns,
-)
+from pinproof.planning.problem import Edges, Ends, manifold_of, no_path, read_ends, sampling_box, with_turns
 from pinproof.spatial import Array
 
 # Distance (m) in addition to the margin that the edges of the trees initially keep. With a quarter of it, the proofs

@@ -291,14 +291,7 @@ class Picture:
         return curve
 
     def _layers(
-        self,
-        stage: Drawing,
-        shown: Film,
-        wanted: Collection[str],
-        marks: int,
-        steps: int,
-        ghosts: int,
-        given: int,
+        self, stage: Drawing, shown: Film, wanted: Collection[str], marks: int, steps: int, ghosts: int, given: int
     ) -> list[dict[str, Any]]:
         """The layers that are not empty, as the script of the page needs them."""
         links = [(node_name(link.name), link.surfaces, link.bodies) for link in stage.links]

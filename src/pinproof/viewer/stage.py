@@ -269,9 +269,7 @@ class FilmPhase:
         "the obstacles of the stage that move by themselves, as seen from the start of the phase", default=()
     )
     start: float | None = key(
-        "when the phase starts, if the arm rests before it; by default the end of the previous phase",
-        "s",
-        default=None,
+        "when the phase starts, if the arm rests before it; by default the end of the previous phase", "s", default=None
     )
 
 

@@ -26,18 +26,7 @@ import numpy.typing as npt
 
 from pinproof.cell.sequencing.sequence_result import PHASES, SequenceResult
 from pinproof.collision import Certificate, CollisionChecker, Obstacle, certify
-from pinproof.common.structs import (
-    ANY_TEXT,
-    COUNT,
-    OPTIONAL_NUMBER,
-    choice,
-    described,
-    key,
-    report_table,
-    reported,
-    required,
-    struct,
-)
+from pinproof.common import structs as st
 from pinproof.model import JointGroup, link_path
 from pinproof.motion import NANO, Trajectory, synchronise, whole_nanoseconds
 from pinproof.picks import PickMotion
@@ -52,24 +41,26 @@ SAFE = ("transit", "retreat", "transfer", "leave")
 """The motions after which an arm may wait: at their ends the hand is not at a part."""
 
 
-@struct("arm_phase", first=("name", "pick", "start", "duration"), written=True, eq=False)
+@st.struct("arm_phase", first=("name", "pick", "start", "duration"), written=True, eq=False)
 class ArmPiece:
     """A motion, a dwell time or a wait of an arm, with constant attached objects."""
 
-    name: str = key(f"a phase of a [sequence](sequence.md), or `{WAIT}`", kind=choice(*PHASES, WAIT))
-    pick: str = key("name of the pick; empty for the motion to home")
-    start: float = key("from the start of the common clock", "s", minimum=0)
-    trajectory: Trajectory = key("from rest to rest", hidden=True)
-    motion: PickMotion | None = key(
+    name: str = st.key(f"a phase of a [sequence](sequence.md), or `{WAIT}`", kind=st.choice(*PHASES, WAIT))
+    pick: str = st.key("name of the pick; empty for the motion to home")
+    start: float = st.key("from the start of the common clock", "s", minimum=0)
+    trajectory: Trajectory = st.key("from rest to rest", hidden=True)
+    motion: PickMotion | None = st.key(
         "the certified motion; for a dwell time and for a wait the motion before it, at whose end the arm rests",
         hidden=True,
     )
-    carries: tuple[Obstacle, ...] = key(
+    carries: tuple[Obstacle, ...] = st.key(
         "objects that move with the tcp, tool and part; their poses are ``tcp_from_object``", hidden=True
     )
-    held: Mapping[str, float] = key("values of joints outside the arm", "rad or m", default_factory=dict, hidden=True)
+    held: Mapping[str, float] = st.key(
+        "values of joints outside the arm", "rad or m", default_factory=dict, hidden=True
+    )
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def duration(self) -> float:
         """Duration."""
         return self.trajectory.duration
@@ -144,12 +135,12 @@ class ArmWait:
     duration: float
 
 
-@described(eq=False)
+@st.described(eq=False)
 class ArmAxis:
     """The times of one arm, without waiting, at the ticks of its axis."""
 
-    times: Array = key("(N + 1,) seconds; a tick at which the arm may wait has exactly the time of its rest")
-    rests: Mask = key("(N + 1,) whether the arm may wait there. Before its start and after its end it always may")
+    times: Array = st.key("(N + 1,) seconds; a tick at which the arm may wait has exactly the time of its rest")
+    rests: Mask = st.key("(N + 1,) whether the arm may wait there. Before its start and after its end it always may")
 
     @classmethod
     def of(cls, duration: float, rests: Iterable[float], *, waits: bool = True) -> ArmAxis:
@@ -233,32 +224,32 @@ SAME_PLACE = 6
 """Decimals (m) of the poses of carried parts that are distinguished at sampled states; proofs use exact ones."""
 
 
-PROVEN_APART = report_table(
+PROVEN_APART = st.report_table(
     "proven_apart",
     "What a certificate of the arms against each other proves.",
-    required("status", ANY_TEXT, "`FREE`, or why it is not", get=attrgetter("status.name")),
-    required(
+    st.required("status", st.ANY_TEXT, "`FREE`, or why it is not", get=attrgetter("status.name")),
+    st.required(
         "clearance_proven",
-        OPTIONAL_NUMBER,
+        st.OPTIONAL_NUMBER,
         "proven lower bound of the distance of the arms",
         "m",
         attrgetter("clearance"),
     ),
-    required("pairs_proven", COUNT, "pairs of bodies proven", get=attrgetter("pairs")),
+    st.required("pairs_proven", st.COUNT, "pairs of bodies proven", get=attrgetter("pairs")),
 )
 
 
-@struct("common_interval", first=("start", "duration"), written=True, eq=False)
+@st.struct("common_interval", first=("start", "duration"), written=True, eq=False)
 class CommonInterval:
     """The certificate of the arms against each other in an interval in which no part is gripped or released."""
 
-    start: float = key("from the start of the common clock", "s", minimum=0)
-    trajectory: Trajectory = key("the motion of the joint group", hidden=True)
-    attached: tuple[Obstacle, ...] = key("the tools and parts of all arms; each names its arm", hidden=True)
-    held: Mapping[str, float] = key("values of the other joints", "rad or m", hidden=True)
-    certificate: Certificate = key("the certificate of all pairs of bodies of different arms", inline=PROVEN_APART)
+    start: float = st.key("from the start of the common clock", "s", minimum=0)
+    trajectory: Trajectory = st.key("the motion of the joint group", hidden=True)
+    attached: tuple[Obstacle, ...] = st.key("the tools and parts of all arms; each names its arm", hidden=True)
+    held: Mapping[str, float] = st.key("values of the other joints", "rad or m", hidden=True)
+    certificate: Certificate = st.key("the certificate of all pairs of bodies of different arms", inline=PROVEN_APART)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def duration(self) -> float:
         """Duration."""
         return self.trajectory.duration
@@ -269,17 +260,17 @@ class CommonInterval:
         return self.start + self.trajectory.duration
 
 
-@described(eq=False)
+@st.described(eq=False)
 class Timing:
     """The programs of all arms on a common clock."""
 
-    programs: Mapping[str, list[ArmPiece]] = key("the pieces of each arm with waits")
-    trajectory: Trajectory = key("the motion of the joint group")
-    intervals: tuple[CommonInterval, ...] = key(
+    programs: Mapping[str, list[ArmPiece]] = st.key("the pieces of each arm with waits")
+    trajectory: Trajectory = st.key("the motion of the joint group")
+    intervals: tuple[CommonInterval, ...] = st.key(
         "the certificates of the arms against each other, in order. The last one is not FREE if no waiting times "
         "were found that make all of them FREE"
     )
-    problem: str = key(
+    problem: str = st.key(
         "why no waiting times were found; empty if they were, or if a certificate states the reason", default=""
     )
 

@@ -11,24 +11,10 @@ import numpy.typing as npt
 
 from pinproof.cell.placement.region import AXES, PlacedRobot, Placement, PlacementRegion
 from pinproof.collision import Scene
+from pinproof.common import structs as st
 from pinproof.common import theme
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Answer, Rows, Saved, Shown, View, Written
-from pinproof.common.structs import (
-    OPTIONAL_NUMBER,
-    PLAIN_NUMBER,
-    Kind,
-    choice,
-    key,
-    list_of,
-    mapping_to,
-    report_table,
-    reported,
-    required,
-    struct,
-    table_of,
-    vector,
-)
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -40,19 +26,19 @@ MOST_FAILING = 20
 """Largest number of failing picks that are listed in text; JSON has all of them."""
 
 
-REGION = Kind(
-    mapping_to(list_of(PLAIN_NUMBER, 2, 2)).schema,
+REGION = st.Kind(
+    st.mapping_to(st.list_of(st.PLAIN_NUMBER, 2, 2)).schema,
     lambda _, region: region,
     write=lambda region: {axis: list(getattr(region, axis)) for axis in AXES},
 )
 
-PLACED_POSE = report_table(
+PLACED_POSE = st.report_table(
     "placed_pose",
     "The pose of the root link of the robot in the cell.",
-    required("xyz", vector(3, PLAIN_NUMBER), "position", "m", lambda place: xyz_rpy(place)[:3] + 0.0),
-    required(
+    st.required("xyz", st.vector(3, st.PLAIN_NUMBER), "position", "m", lambda place: xyz_rpy(place)[:3] + 0.0),
+    st.required(
         "rpy",
-        vector(3, PLAIN_NUMBER),
+        st.vector(3, st.PLAIN_NUMBER),
         "orientation about fixed axes: R = Rz Ry Rx",
         "rad",
         lambda place: xyz_rpy(place)[3:] + 0.0,
@@ -60,7 +46,7 @@ PLACED_POSE = report_table(
 )
 
 
-@struct(
+@st.struct(
     "placed",
     first=("placement", "cell_from_root", "good", "picks", "cycle_time", "clearance_proven"),
     written=True,
@@ -69,35 +55,35 @@ PLACED_POSE = report_table(
 class CertifiedPlacement(Shown, Written):
     """A placement at which all picks were judged."""
 
-    placement: Placement = key("the placement", inline=table_of(Placement))
-    report: PickReport = key(
+    placement: Placement = st.key("the placement", inline=st.table_of(Placement))
+    report: PickReport = st.key(
         "the verdicts on all picks, in the frame of the cell, with certificates of the good ones", hidden=True
     )
-    estimate: float = key("the value of the objective that the screening estimated", kind=OPTIONAL_NUMBER)
-    score: float = key("the certified value of the objective, which is minimised", kind=OPTIONAL_NUMBER)
-    placed: PlacedRobot = key("the robot, its tool and the scene at any placement", hidden=True)
+    estimate: float = st.key("the value of the objective that the screening estimated", kind=st.OPTIONAL_NUMBER)
+    score: float = st.key("the certified value of the objective, which is minimised", kind=st.OPTIONAL_NUMBER)
+    placed: PlacedRobot = st.key("the robot, its tool and the scene at any placement", hidden=True)
 
     @property
     def ok(self) -> bool:
         """Whether every pick is good."""
         return self.report.ok
 
-    @reported(minimum=0)
+    @st.reported(minimum=0)
     def good(self) -> int:
         """Number of good picks."""
         return len(self.report.good)
 
-    @reported(name="picks", minimum=0)
+    @st.reported(name="picks", minimum=0)
     def judged(self) -> int:
         """Number of picks."""
         return len(self.report.verdicts)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def cycle_time(self) -> float:
         """Sum of the times of all good picks."""
         return total_time(self.report)
 
-    @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
+    @st.reported("m", name="clearance_proven", kind=st.OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance of all motions."""
         return min((verdict.clearance for verdict in self.report.good), default=float("nan"))
@@ -112,7 +98,7 @@ class CertifiedPlacement(Shown, Written):
         """The obstacles that do not move with the base, in the frame of the cell."""
         return self.placed.scene
 
-    @reported(kind=PLACED_POSE)
+    @st.reported(kind=PLACED_POSE)
     def cell_from_root(self) -> SE3:
         """The pose of the root link of the original robot in the cell, with the mounting."""
         return rigid("cell_from_root", self.placed.cell_from_root(self.placement.values[None])[0])
@@ -134,23 +120,25 @@ def total_time(report: PickReport) -> float:
     return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
 
 
-@struct("sensitivity", written=True)
+@st.struct("sensitivity", written=True)
 class PlacementSensitivity:
     """How far the base may be off along one axis, the others being exact, if the robot plans again.
 
     What is between the judged deviations is not proven.
     """
 
-    axis: str = key("the axis", kind=choice(*AXES))
-    below: float = key("lower values up to which all picks are good at every judged deviation", "m or rad", minimum=0)
-    above: float = key("the same to higher values", "m or rad", minimum=0)
-    first_below: str = key("what fails first at lower values: a pick, or the base; empty if nothing does")
-    first_above: str = key("what fails first at higher values")
-    why_below: str = key("the stage that fails there, or why the screening is not passed")
-    why_above: str = key("the same at higher values")
-    searched: float = key("the largest deviation that was tried", "m or rad", minimum=0)
-    judged_below: int = key("the number of lower values at which all picks were judged good", minimum=0)
-    judged_above: int = key("the number of higher values at which all picks were judged good", minimum=0)
+    axis: str = st.key("the axis", kind=st.choice(*AXES))
+    below: float = st.key(
+        "lower values up to which all picks are good at every judged deviation", "m or rad", minimum=0
+    )
+    above: float = st.key("the same to higher values", "m or rad", minimum=0)
+    first_below: str = st.key("what fails first at lower values: a pick, or the base; empty if nothing does")
+    first_above: str = st.key("what fails first at higher values")
+    why_below: str = st.key("the stage that fails there, or why the screening is not passed")
+    why_above: str = st.key("the same at higher values")
+    searched: float = st.key("the largest deviation that was tried", "m or rad", minimum=0)
+    judged_below: int = st.key("the number of lower values at which all picks were judged good", minimum=0)
+    judged_above: int = st.key("the number of higher values at which all picks were judged good", minimum=0)
 
     @property
     def range(self) -> str:
@@ -172,7 +160,7 @@ class PlacementSensitivity:
         )  # type: ignore[return-value]  # five
 
 
-@struct(
+@st.struct(
     "placement",
     first=("ok", "objective", "message", "interrupted", "evaluations", "region", "forbidden", "placements",
            "sensitivity", "tolerance", "failing", "map"),
@@ -190,37 +178,39 @@ class PlacementResult(Answer, Saved, Written):
 
     formats = (".json", ".csv", ".png", ".md")
 
-    candidates: tuple[CertifiedPlacement, ...] = key(
+    candidates: tuple[CertifiedPlacement, ...] = st.key(
         "the placements that were judged completely, the best first; those with a pick that fails are last",
         name="placements",
     )
-    map: PlacementMap | None = key("the heat map: the screened grid; null if the search was interrupted before")
-    region: PlacementRegion = key("the ranges of x, y, z (m) and yaw (rad)", kind=REGION)
-    picks: Picks = key("the picks as given", hidden=True)
-    objective: str = key("what was optimised", kind=choice("cycle_time", "clearance", "manipulability"))
-    sensitivity: tuple[PlacementSensitivity, ...] = key("how far the base may be off at the best placement", default=())
-    tolerance: float = key(
+    map: PlacementMap | None = st.key("the heat map: the screened grid; null if the search was interrupted before")
+    region: PlacementRegion = st.key("the ranges of x, y, z (m) and yaw (rad)", kind=REGION)
+    picks: Picks = st.key("the picks as given", hidden=True)
+    objective: str = st.key("what was optimised", kind=st.choice("cycle_time", "clearance", "manipulability"))
+    sensitivity: tuple[PlacementSensitivity, ...] = st.key(
+        "how far the base may be off at the best placement", default=()
+    )
+    tolerance: float = st.key(
         "displacement of the base for which the unchanged motions of the best placement are proven to stay free; 0 "
         "without a good placement. Contact that is allowed, such as that of hand and part, is not covered",
         "m",
         default=0.0,
         minimum=0,
     )
-    failing: Mapping[str, str] = key(
+    failing: Mapping[str, str] = st.key(
         "the reason for each pick that is good at no placement, by name", default_factory=dict
     )
-    message: str = key("the result in sentences", default="")
-    evaluations: int = key("number of placements that were screened", default=0, minimum=0)
-    interrupted: bool = key(
+    message: str = st.key("the result in sentences", default="")
+    evaluations: int = st.key("number of placements that were screened", default=0, minimum=0)
+    interrupted: bool = st.key(
         "whether the search was interrupted; the result then has what was found before", default=False
     )
 
-    @reported()
+    @st.reported()
     def ok(self) -> bool:
         """Whether a placement was found at which every pick is good."""
         return bool(self.candidates) and self.candidates[0].ok
 
-    @reported()
+    @st.reported()
     def forbidden(self) -> tuple[str, ...]:
         """The names of the forbidden zones."""
         return tuple(zone.name for zone in self.region.forbidden)
@@ -329,37 +319,37 @@ RED, GREY, WHITE, INK = (theme.COLOURS[name] for name in ("bad", "line", "paper"
 Mask = npt.NDArray[np.bool_]
 
 
-GRID = list_of(list_of(OPTIONAL_NUMBER))
+GRID = st.list_of(st.list_of(st.OPTIONAL_NUMBER))
 
 
-@struct("floor_map", written=True, eq=False)
+@st.struct("floor_map", written=True, eq=False)
 class FloorMap:
     """The best values over z and yaw at each x and y, for one choice; null where no value exists."""
 
-    choice: str = key("name of the discrete choice")
-    share: Array = key("share of the picks that pass the screening, for each x a list over y", kind=GRID)
-    seconds: Array = key("estimated cycle time", "s", kind=GRID)
+    choice: str = st.key("name of the discrete choice")
+    share: Array = st.key("share of the picks that pass the screening, for each x a list over y", kind=GRID)
+    seconds: Array = st.key("estimated cycle time", "s", kind=GRID)
 
 
-@struct("placement_map", written=True, eq=False)
+@st.struct("placement_map", written=True, eq=False)
 class PlacementMap(Shown, Written):
     """The heat map over the floor: the screened grid of placements."""
 
-    placements: Array = key("(N, 4) x, y, z, yaw", hidden=True)
-    choices: tuple[str, ...] = key("the names of the discrete choices", hidden=True)
-    choice: npt.NDArray[np.int64] = key("(N,) index of the choice of each placement", hidden=True)
-    axes: tuple[Array, Array, Array, Array] = key(
+    placements: Array = st.key("(N, 4) x, y, z, yaw", hidden=True)
+    choices: tuple[str, ...] = st.key("the names of the discrete choices", hidden=True)
+    choice: npt.NDArray[np.int64] = st.key("(N,) index of the choice of each placement", hidden=True)
+    axes: tuple[Array, Array, Array, Array] = st.key(
         "the values of x, y, z and yaw of the grid, in which yaw varies fastest", hidden=True
     )
-    base: Mask = key("(N,) whether the base and the arm at home are free", hidden=True)
-    codes: npt.NDArray[np.int8] = key(
+    base: Mask = st.key("(N,) whether the base and the arm at home are free", hidden=True)
+    codes: npt.NDArray[np.int8] = st.key(
         "(N, P) codes of :class:`~pinproof.picks.ScreenStatus` of each pick at its worst pose: grasp, release, and the "
         "ends of the straight lines",
         hidden=True,
     )
-    share: Array = key("(N,) share of the picks that pass the screening, from 0 to 1", hidden=True)
-    seconds: Array = key("(N,) estimated cycle time; NaN where a pick does not pass", "s", hidden=True)
-    estimate: Array = key("(N,) estimated value of the objective; NaN where a pick does not pass", hidden=True)
+    share: Array = st.key("(N,) share of the picks that pass the screening, from 0 to 1", hidden=True)
+    seconds: Array = st.key("(N,) estimated cycle time; NaN where a pick does not pass", "s", hidden=True)
+    estimate: Array = st.key("(N,) estimated value of the objective; NaN where a pick does not pass", hidden=True)
 
     def __post_init__(self) -> None:
         freeze_arrays(self, "placements", "choice", "base", "codes", "share", "seconds", "estimate")
@@ -370,17 +360,17 @@ class PlacementMap(Shown, Written):
     def _view(self) -> View:
         return View(f"{len(self):,} placements, all picks pass the screening at {self.feasible.sum():,}")
 
-    @reported("m", kind=list_of(PLAIN_NUMBER))
+    @st.reported("m", kind=st.list_of(st.PLAIN_NUMBER))
     def x(self) -> Array:
         """The x of the grid."""
         return self.axes[0]
 
-    @reported("m", kind=list_of(PLAIN_NUMBER))
+    @st.reported("m", kind=st.list_of(st.PLAIN_NUMBER))
     def y(self) -> Array:
         """The y of the grid."""
         return self.axes[1]
 
-    @reported(name="choices")
+    @st.reported(name="choices")
     def floors(self) -> tuple[FloorMap, ...]:
         """The maps of all choices."""
         return tuple(

@@ -27,17 +27,7 @@ from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.motion import Bounds, least_times
-from pinproof.picks import (
-    TURN,
-    PickCell,
-    PickReport,
-    Picks,
-    PickSetup,
-    PickTask,
-    PickWeights,
-    ScreenStatus,
-    code_of,
-)
+from pinproof.picks import TURN, PickCell, PickReport, Picks, PickSetup, PickTask, PickWeights, ScreenStatus, code_of
 from pinproof.spatial import Array, matrix
 
 Mask = npt.NDArray[np.bool_]
@@ -77,7 +67,7 @@ class GraspTable:
     pick: Indices = key("(R,) the pick of each grasp")
     stations: Array = key(
         "(6, R, 4, 4) ``cell_from_tcp`` at the start of the approach, the grasp, the end of the retreat, the start "
-        "of the line to the place, the release, and the end of the line after it; NaN for picks without a place",
+        "of the line to the place, the release, and the end of the line after it; NaN for picks without a place"
     )
     later: Mask = key("(R,) whether the grasp is screened only if the first ones fail")
     nominal: Array = key("(P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick")

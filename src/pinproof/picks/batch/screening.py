@@ -29,14 +29,7 @@ from pinproof.model import Arm
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, family
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
-from pinproof.picks.judging.configurations import (
-    SWEEP,
-    TURN,
-    has_closed_form,
-    limit_margin,
-    turned_inside,
-    widened,
-)
+from pinproof.picks.judging.configurations import SWEEP, TURN, has_closed_form, limit_margin, turned_inside, widened
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, checker_of_picks
 from pinproof.picks.judging.verdict import Stage

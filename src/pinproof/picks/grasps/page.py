@@ -8,21 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pinproof import viewer
 from pinproof.collision import ConvexShape, Cylinder, LineSurface, Mesh, Obstacle, outer_points
 from pinproof.picks.grasps.antipodal import across
 from pinproof.spatial import Array, matrix
-from pinproof.viewer import (
-    Drawing,
-    DrawnObstacle,
-    Film,
-    View,
-    node_path,
-    obstacle_surfaces,
-    panels,
-    placed_points,
-    stage_commands,
-    tracks,
-)
 
 RESTS = 0.6
 """Share of each second of the film for which a grasp is shown; in the rest of it the hand moves to the next one."""
@@ -58,22 +47,26 @@ def write_grasps_page(path: str | Path, found: Any) -> None:
     times = np.concatenate([np.arange(len(found))[:, None] + [0.0, RESTS]]).reshape(-1)
     riders = {thing.name: np.repeat(poses, 2, axis=0) for thing, poses in drawn}
     things = [
-        DrawnObstacle(part.name, tuple(obstacle_surfaces(Obstacle(part.name, part.shape, rgba=PART_GREY))), np.eye(4))
+        viewer.DrawnObstacle(
+            part.name, tuple(viewer.obstacle_surfaces(Obstacle(part.name, part.shape, rgba=PART_GREY))), np.eye(4)
+        )
     ]
     points = [found.part.triangles.reshape(-1, 3)]
     for thing, poses in drawn:
-        surfaces = tuple(obstacle_surfaces(thing))
+        surfaces = tuple(viewer.obstacle_surfaces(thing))
         vertices = np.concatenate([surface.vertices for surface in surfaces])
         heights = (vertices @ poses[:, 2, :3].T + poses[:, 2, 3]).min(axis=0)
-        things.append(DrawnObstacle(thing.name, surfaces, poses[heights.argmin()]))
-        points.append(placed_points(np.array([vertices.min(axis=0), vertices.max(axis=0)]), poses[:1]))
-    stage: Any = Drawing(None, (), tuple(things), ())  # type: ignore[arg-type]  # no robot is drawn
+        things.append(viewer.DrawnObstacle(thing.name, surfaces, poses[heights.argmin()]))
+        points.append(viewer.placed_points(np.array([vertices.min(axis=0), vertices.max(axis=0)]), poses[:1]))
+    stage: Any = viewer.Drawing(None, (), tuple(things), ())  # type: ignore[arg-type]  # no robot is drawn
     direction = np.array([1.0, -1.6, 0.9])
-    view = View(direction / np.linalg.norm(direction), np.concatenate(points))
-    still = Film(np.zeros(1), np.empty((1, 0, 4, 4)), np.empty((1, 0, 3)))
-    commands = stage_commands(stage, still, view)
-    film = Film(times, np.empty((len(times), 0, 4, 4)), np.empty((len(times), 0, 3)), riders)
-    commands.set_animation(tracks(commands, stage, film, {name: node_path("scene", name) for name in riders}))
+    view = viewer.View(direction / np.linalg.norm(direction), np.concatenate(points))
+    still = viewer.Film(np.zeros(1), np.empty((1, 0, 4, 4)), np.empty((1, 0, 3)))
+    commands = viewer.stage_commands(stage, still, view)
+    film = viewer.Film(times, np.empty((len(times), 0, 4, 4)), np.empty((len(times), 0, 3)), riders)
+    commands.set_animation(
+        viewer.tracks(commands, stage, film, {name: viewer.node_path("scene", name) for name in riders})
+    )
     notes = [
         (
             "resists: a force at the centre of mass that the grasp is proven to resist in every direction, in "
@@ -81,18 +74,18 @@ def write_grasps_page(path: str | Path, found: Any) -> None:
         ),
         "The red discs are at the centres of the contacts; the hand is drawn at the width of the grasp.",
     ]
-    text = panels.page(
+    text = viewer.panels.page(
         f"Grasps of {part.name}",
         "cell",
-        panels.table("side", found.rows(), notes),
+        viewer.panels.table("side", found.rows(), notes),
         {**view.settings(), "duration": float(len(found)), "start": 0.0},
         commands,
         label="The part with the hand at the chosen grasp",
         summary=escape(found.message),
         colours=(("part", PART_GREY), ("hand", HAND_BLUE), ("contact", CONTACT_RED)),
-        script=panels.part("page.js", "pinproof.picks.grasps"),
+        script=viewer.panels.part("page.js", "pinproof.picks.grasps"),
     )
-    panels.write_page(path, text)
+    viewer.panels.write_page(path, text)
 
 
 def _body(name: str, surface: LineSurface) -> Obstacle:

@@ -220,7 +220,8 @@ def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int 
     limits = tool.grip_limits
     stated = limits.friction if tool.cup is None or tool.cup.friction is None else tool.cup.friction
     friction = float(np.tan(limits.angle)) if stated is None else stated
-    fingers, spin, quality = hand.fingers, GraspSpin(ROUND), None
+    fingers, quality = hand.fingers, None
+    spin = GraspSpin(ROUND) if fingers is None else GraspSpin(TURNED) if fingers.symmetric else None
     if fingers is None:
         found = point_grasps(surface, hand, tool.cup, count, random)
         if tool.cup is not None:
@@ -236,7 +237,6 @@ def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int 
         found = finger_grasps(surface, hand, fingers, replace(limits, angle=angle), count, random)
         torsion = 2 / 3 * np.sqrt(found.areas / np.pi)  # of an even pressure on a disc of the smaller area
         quality = resisted_by_fingers(found.contacts - surface.centre, found.normals[:, 0], torsion, friction)
-        spin = GraspSpin(TURNED) if fingers.symmetric else None
     resists = np.full(len(found.areas), np.nan) if quality is None else quality
     levers = np.linalg.norm(np.cross(surface.centre - found.contacts.mean(axis=1), found.normals[:, 0]), axis=1)
     # The values of the hand on the part, where the tool states a closed position; otherwise it closes by contact
@@ -253,8 +253,9 @@ def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int 
             own["grip"] = {n: round(held[n] + share * (end - held[n]), DIGITS) for n, end in ends.items()}
         tip = SE3(found.rotations[row], found.translations[row]) * hand_from_tip
         grasp = PartGrasp(SE3(tip.rotation, tip.translation.round(DIGITS)), spin=spin, **own)
-        figures = (float(values[row]) for values in (resists, found.widths, found.areas, found.edges, levers))
-        proposals.append(ProposedGrasp(grasp, kind, *figures, found.contacts[row], found.normals[row]))
+        q, area, edge, lever = (float(values[row]) for values in (resists, found.areas, found.edges, levers))
+        contacts, normals = found.contacts[row], found.normals[row]
+        proposals.append(ProposedGrasp(grasp, kind, q, width, area, edge, lever, contacts, normals))
     # The best first; names state the rank
     proposals.sort(key=lambda each: (-np.nan_to_num(round(each.resists, 9)), each.lever))
     ranked = tuple(

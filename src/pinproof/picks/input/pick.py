@@ -13,33 +13,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pinproof.collision import SMALLEST, Obstacle
+from pinproof.common import structs as st
 from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import (
-    ANGLE,
-    NUMBER,
-    ONE_ORIENTATION,
-    TEXT,
-    TRANSFORM,
-    Accepting,
-    Direction,
-    Key,
-    Table,
-    any_of,
-    choice,
-    described,
-    integer,
-    key,
-    list_of,
-    number,
-    parsed,
-    required,
-    simple,
-    struct,
-    table_of,
-    vector,
-    without,
-)
 from pinproof.common.validation import ReadOnlyDict, require_number, unique_names
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
@@ -58,12 +34,12 @@ SHARES = (0.5, 1.0)
 """Fractions of a tolerance at which grasps are tried."""
 
 
-@described()
+@st.described()
 class GraspSpin:
     """Rotations (rad) of a grasp about its approach direction."""
 
-    angles: tuple[float, ...] = key("the rotations that are tried, in this order", default=(0.0,))
-    sampled: bool = key(
+    angles: tuple[float, ...] = st.key("the rotations that are tried, in this order", default=(0.0,))
+    sampled: bool = st.key(
         "whether the angles are samples of a range. If all of them fail, nothing is proven about those between",
         default=False,
     )
@@ -107,15 +83,15 @@ def _between(range: tuple[float, float], steps: int = STEPS) -> GraspSpin:  # no
     return GraspSpin.between(*range, steps)
 
 
-SPIN_RANGE = Table(
+SPIN_RANGE = st.Table(
     "spin_range",
     "A range of rotations about the approach direction.",
-    required("range", vector(2), "first and last rotation", "rad"),
-    Key("steps", integer(1, MOST_STEPS), "number of steps between them", "", STEPS),
+    st.required("range", st.vector(2), "first and last rotation", "rad"),
+    st.Key("steps", st.integer(1, MOST_STEPS), "number of steps between them", "", STEPS),
     make=_between,
 )
 
-SPIN = any_of(choice("free"), NUMBER, list_of(NUMBER, 1), SPIN_RANGE, check=_angles)
+SPIN = st.any_of(st.choice("free"), st.NUMBER, st.list_of(st.NUMBER, 1), SPIN_RANGE, check=_angles)
 
 
 def _sides(name: str, value: object) -> tuple[float, ...]:
@@ -123,20 +99,20 @@ def _sides(name: str, value: object) -> tuple[float, ...]:
     return tuple(require_number(name, side, "m", minimum=0) for side in sides)
 
 
-@struct("tolerance")
+@st.struct("tolerance")
 class GraspTolerance:
     """How far a grasp may be moved along and about the axes of the tip if the nominal one fails.
 
     Half of the tolerance and all of it are tried, one axis at a time.
     """
 
-    position: tuple[float, float, float] = key(
+    position: tuple[float, float, float] = st.key(
         "along x, y, z, in both directions; one number for all of them",
         "m",
         default=(0.0, 0.0, 0.0),
-        kind=any_of(number(minimum=0), list_of(number(minimum=0), 3, 3), check=_sides),
+        kind=st.any_of(st.number(minimum=0), st.list_of(st.number(minimum=0), 3, 3), check=_sides),
     )
-    tilt: float = key("about x and y, in both directions", "rad", default=0.0, minimum=0)
+    tilt: float = st.key("about x and y, in both directions", "rad", default=0.0, minimum=0)
 
     def groups(self) -> Iterator[list[tuple[str, SE3]]]:
         """Groups of displacements with increasing size: each as text and as ``nominal_from_moved``."""
@@ -192,16 +168,16 @@ LONGEST_MOVE = 20.0
 def _line(text: str, default: float = 0.1) -> Any:
     """The key of the length of a straight line."""
     text = f"length of the straight line {text}; 0 for none"
-    return key(text, "m", default=default, minimum=0, maximum=LONGEST_MOVE)
+    return st.key(text, "m", default=default, minimum=0, maximum=LONGEST_MOVE)
 
 
 def _direction(move: str, default: tuple[float, float, float]) -> Any:
-    return key(f"direction of the {move}; it is normalised", default=default)
+    return st.key(f"direction of the {move}; it is normalised", default=default)
 
 
 def _frame_of(move: str, default: str) -> Any:
     text = f"the frame of `{move}_direction`: the tip of the tool or the root link of the robot"
-    return key(text, default=default, kind=choice(TIP, ROOT))
+    return st.key(text, default=default, kind=st.choice(TIP, ROOT))
 
 
 LINE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
@@ -212,17 +188,17 @@ def support_names(stated: str | Sequence[str] | None) -> tuple[str, ...] | None:
     return None if stated is None else unique_names("support", stated)
 
 
-SUPPORT = any_of(TEXT, simple({**list_of(TEXT, 1).schema, "uniqueItems": True}), check=unique_names)
+SUPPORT = st.any_of(st.TEXT, st.simple({**st.list_of(st.TEXT, 1).schema, "uniqueItems": True}), check=unique_names)
 
 
 class StraightLines:
     """The straight lines of a pick or a place; ``tip`` is the pose of the tip at the grasp or the release."""
 
     approach: float
-    approach_direction: Direction
+    approach_direction: st.Direction
     approach_frame: str
     retreat: float
-    retreat_direction: Direction
+    retreat_direction: st.Direction
     retreat_frame: str
 
     def before(self, tip: SE3, share: float = 1.0) -> SE3:
@@ -242,13 +218,13 @@ class StraightLines:
 
 
 ORIENTATION = (
-    Key(
+    st.Key(
         "rpy",
-        vector(item=ANGLE),
+        st.vector(item=st.ANGLE),
         "orientation of the tip: angles about fixed axes, R = Rz(yaw) Ry(pitch) Rx(roll)",
         "rad",
     ),
-    Key("quat_xyzw", vector(4), "the orientation as a quaternion, scalar last, instead of `rpy`"),
+    st.Key("quat_xyzw", st.vector(4), "the orientation as a quaternion, scalar last, instead of `rpy`"),
 )
 
 
@@ -263,12 +239,12 @@ def _released(object_pose: SE3 | None = None, **tip: Any) -> dict[str, Any]:
     return {"pose": POSE_IN_REACH.make(**tip)}
 
 
-RELEASE = Table(
+RELEASE = st.Table(
     "release",
     "The pose at a release.",
-    Key("xyz", vector(), "position of the tip at the release, in `frame`", "m"),
+    st.Key("xyz", st.vector(), "position of the tip at the release, in `frame`", "m"),
     *ORIENTATION,
-    Key(
+    st.Key(
         "object_pose",
         POSE_IN_REACH,
         "the final pose of the object, in `frame`, instead of the pose of the tip: frame_from_object, with the pose "
@@ -276,7 +252,7 @@ RELEASE = Table(
     ),
     rules={
         "oneOf": [
-            {"required": ["object_pose"], **without("xyz", "rpy", "quat_xyzw")},
+            {"required": ["object_pose"], **st.without("xyz", "rpy", "quat_xyzw")},
             {"required": ["xyz", "rpy"]},
             {"required": ["xyz", "quat_xyzw"]},
         ]
@@ -285,7 +261,7 @@ RELEASE = Table(
 )
 
 
-@struct("place", eq=False, first=("pose", "frame", *LINE_KEYS))
+@st.struct("place", eq=False, first=("pose", "frame", *LINE_KEYS))
 class PlaceTarget(StraightLines):
     """Where the object is put down.
 
@@ -294,23 +270,23 @@ class PlaceTarget(StraightLines):
     final pose for every grasp of the family.
     """
 
-    pose: SE3 = key(
+    pose: SE3 = st.key(
         "``frame_from_tip`` at the release; with ``pose_of='object'`` the final pose of the object", inline=RELEASE
     )
-    frame: str = key("the frame of the pose, as for a pick; by default the root link of the robot", default="")
+    frame: str = st.key("the frame of the pose, as for a pick; by default the root link of the robot", default="")
     approach: float = _line("to the release")
-    approach_direction: Direction = _direction("approach", (0.0, 0.0, -1.0))
+    approach_direction: st.Direction = _direction("approach", (0.0, 0.0, -1.0))
     approach_frame: str = _frame_of("approach", ROOT)
     retreat: float = _line("of the empty tool after the release")
-    retreat_direction: Direction = _direction("retreat", (0.0, 0.0, -1.0))
+    retreat_direction: st.Direction = _direction("retreat", (0.0, 0.0, -1.0))
     retreat_frame: str = _frame_of("retreat", TIP)
-    support: str | Sequence[str] | None = key(
+    support: str | Sequence[str] | None = st.key(
         "the obstacle, or a list of obstacles, that the object is put onto; by default those within 1 mm below it. "
         "Stored as a tuple of names",
         default=None,
         kind=SUPPORT,
     )
-    pose_of: str = key("``'tip'`` or ``'object'``", default=TIP, kind=choice(TIP, OBJECT), hidden=True)
+    pose_of: str = st.key("``'tip'`` or ``'object'``", default=TIP, kind=st.choice(TIP, OBJECT), hidden=True)
 
 
 _PARTS = {
@@ -327,14 +303,18 @@ PARTS = tuple(_PARTS)
 SPEED_READ_ONLY = "the speeds of a pick are read-only; make another pick with dataclasses.replace(pick, speed=...)"
 
 
-@struct("tool_speed", kw_only=True, rules=[{"minProperties": 1}])
+@st.struct("tool_speed", kw_only=True, rules=[{"minProperties": 1}])
 class ToolSpeed:
     """Limits of the tcp, relative to the base. At least one is stated. See :class:`pinproof.motion.ToolLimits`."""
 
-    linear_speed: float | None = key("largest speed of the tcp, above 0", "m/s", default=None, above=0)
-    angular_speed: float | None = key("largest angular speed, above 0", "rad/s", default=None, above=0)
-    linear_acceleration: float | None = key("largest acceleration of the tcp, above 0", "m/s²", default=None, above=0)
-    angular_acceleration: float | None = key("largest angular acceleration, above 0", "rad/s²", default=None, above=0)
+    linear_speed: float | None = st.key("largest speed of the tcp, above 0", "m/s", default=None, above=0)
+    angular_speed: float | None = st.key("largest angular speed, above 0", "rad/s", default=None, above=0)
+    linear_acceleration: float | None = st.key(
+        "largest acceleration of the tcp, above 0", "m/s²", default=None, above=0
+    )
+    angular_acceleration: float | None = st.key(
+        "largest angular acceleration, above 0", "rad/s²", default=None, above=0
+    )
 
     def __post_init__(self) -> None:
         if all(value is None for value in vars(self).values()):
@@ -355,47 +335,48 @@ def _part_speeds(name: str, value: Any) -> Mapping[str, ToolSpeed]:
     return ReadOnlyDict(value, SPEED_READ_ONLY)
 
 
-_SPEED = any_of(
-    number(above=0),
-    table_of(ToolSpeed),
+_SPEED = st.any_of(
+    st.number(above=0),
+    st.table_of(ToolSpeed),
     check=lambda _, value: value if isinstance(value, ToolSpeed) else ToolSpeed(linear_speed=value),
 )
-STAGE_SPEEDS = Table(
+STAGE_SPEEDS = st.Table(
     "stage_speeds",
     "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
-    *(Key(part, _SPEED, text) for part, text in _PARTS.items()),
+    *(st.Key(part, _SPEED, text) for part, text in _PARTS.items()),
 )
 
 
 def _angle_in(stated: Any) -> Any:
     """An angle of a file: ``5 deg``, ``0.1 rad``, or a number in radians."""
     if not isinstance(stated, str) or not stated.strip().endswith(tuple(ANGLE_UNITS)):
-        return parsed(stated)
+        return st.parsed(stated)
     try:
         return parse_angle(stated)
     except ValueError as error:
         raise InputError(str(error)) from None
 
 
-UPRIGHT = simple(
-    any_of(
-        number(minimum=SMALLEST, below=np.pi / 2), simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"})
+UPRIGHT = st.simple(
+    st.any_of(
+        st.number(minimum=SMALLEST, below=np.pi / 2),
+        st.simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"}),
     ).schema,
     lambda name, value: require_number(name, value, "rad", minimum=SMALLEST, below=np.pi / 2),
     _angle_in,
 )
 
-_OBSTACLE = table_of(Obstacle)
-BODY = Table(
+_OBSTACLE = st.table_of(Obstacle)
+BODY = st.Table(
     "object",
     "The grasped object as a shape. Its pose is tip_from_object.",
-    Key("name", TEXT, "its name in reports", "", "object"),
+    st.Key("name", st.TEXT, "its name in reports", "", "object"),
     *(key for key in _OBSTACLE.keys if key.name != "name"),
     make=partial(Obstacle, name="object"),
 )
 
-_PAYLOAD = table_of(Payload)
-OBJECT_PAYLOAD = Table(
+_PAYLOAD = st.table_of(Payload)
+OBJECT_PAYLOAD = st.Table(
     "object_payload",
     "The mass of a grasped object, in the frame of the object.",
     *(key for key in _PAYLOAD.keys if key.name != "frame"),
@@ -421,16 +402,16 @@ def _grasp(xyz: Any = None, **turned: Any) -> SE3:
     return made
 
 
-GRASP = Table(
+GRASP = st.Table(
     "grasp",
     "The pose of a grasp.",
-    Key("xyz", vector(), "position of the tool's tip at the grasp, in `frame`", "m"),
+    st.Key("xyz", st.vector(), "position of the tool's tip at the grasp, in `frame`", "m"),
     *ORIENTATION,
-    rules=ONE_ORIENTATION,
+    rules=st.ONE_ORIENTATION,
     make=_grasp,
 )
 
-_ANY_GRASP = Table(
+_ANY_GRASP = st.Table(
     GRASP.title,
     GRASP.text,
     *GRASP.keys,
@@ -440,7 +421,7 @@ _ANY_GRASP = Table(
 """The pose of a grasp, or none."""
 
 
-@struct(
+@st.struct(
     "pick",
     eq=False,
     repr=False,
@@ -449,26 +430,26 @@ _ANY_GRASP = Table(
 class Pick(HandValues, StraightLines, Shown):
     """One grasp, or a family of them, with its straight approach and retreat."""
 
-    name: str = key("its name, unique in the file")
-    pose: Accepting[SE3, SE3 | None] = key(
+    name: str = st.key("its name, unique in the file")
+    pose: st.Accepting[SE3, SE3 | None] = st.key(
         "``frame_from_tip``: the target pose of the tool's tip at the grasp. A pick of a part type needs none: the "
         "grasps of its part are tried in order, and ``pose`` is that of the object",
         default=None,
-        kind=simple({}, lambda name, value: None if value is None else TRANSFORM.check(name, value)),
+        kind=st.simple({}, lambda name, value: None if value is None else st.TRANSFORM.check(name, value)),
         inline=_ANY_GRASP,
     )
     approach: float = _line("before the grasp")
     retreat: float = _line("after the grasp")
-    retreat_direction: Direction = _direction("retreat", (0.0, 0.0, 1.0))
-    approach_direction: Direction = _direction("approach", (0.0, 0.0, 1.0))
+    retreat_direction: st.Direction = _direction("retreat", (0.0, 0.0, 1.0))
+    approach_direction: st.Direction = _direction("approach", (0.0, 0.0, 1.0))
     approach_frame: str = _frame_of("approach", TIP)
     retreat_frame: str = _frame_of("retreat", ROOT)
-    frame: str = key(
+    frame: str = st.key(
         "the frame of the pose: one of `frames`, an obstacle, or a link that does not move; by default the root link "
         "of the robot",
         default="",
     )
-    spin: GraspSpin = key(
+    spin: GraspSpin = st.key(
         f"equivalent rotations about the approach direction: one, a list, a range, or `free` for any ({STEPS} are "
         "tried)",
         "rad",
@@ -476,28 +457,28 @@ class Pick(HandValues, StraightLines, Shown):
         kind=SPIN,
         shown=0,
     )
-    tolerance: GraspTolerance = key(
+    tolerance: GraspTolerance = st.key(
         "how far the grasp may be moved if the nominal one fails", default_factory=GraspTolerance, shown=None
     )
-    carried: Obstacle | str | None = key(
+    carried: Obstacle | str | None = st.key(
         "the grasped object: the name of an obstacle of the scene, or a shape, whose pose is tip_from_object and which "
         "is an obstacle there until it is grasped. It moves with the tool after the grasp; without it, the motion "
         "after the grasp is judged with the empty tool. In a pattern, `{i}`, `{j}` and `{k}` are replaced by the "
         "indices",
         default=None,
         name="object",
-        kind=any_of(TEXT, BODY, check=_carried),
+        kind=st.any_of(st.TEXT, BODY, check=_carried),
     )
-    support: str | Sequence[str] | None = key(
+    support: str | Sequence[str] | None = st.key(
         "the obstacle, or a list of obstacles, that the object may touch until it is lifted; by default those within 1 "
         "mm below it. Stored as a tuple of names",
         default=None,
         kind=SUPPORT,
     )
-    place: PlaceTarget | None = key(
+    place: PlaceTarget | None = st.key(
         "where the object is put down; by default the pick ends with the retreat", default=None
     )
-    upright: float | None = key(
+    upright: float | None = st.key(
         "while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of the "
         "vertical, such as `5 deg`; by default any orientation is allowed. The transfer is planned under this "
         "constraint",
@@ -505,25 +486,27 @@ class Pick(HandValues, StraightLines, Shown):
         default=None,
         kind=UPRIGHT,
     )
-    upright_axis: Direction | None = key(
+    upright_axis: st.Direction | None = st.key(
         "another axis for `upright`, in the frame of the tip; it must point up within the angle", default=None
     )
-    payload: Payload | None = key(
+    payload: Payload | None = st.key(
         "the mass of the object, in its own frame; the torque limits of the joints then apply",
         default=None,
         kind=OBJECT_PAYLOAD,
     )
-    speed: Mapping[str, ToolSpeed] = key(
+    speed: Mapping[str, ToolSpeed] = st.key(
         "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
         default_factory=dict,
-        kind=any_of(number(above=0), STAGE_SPEEDS, check=_part_speeds),
+        kind=st.any_of(st.number(above=0), STAGE_SPEEDS, check=_part_speeds),
         shown=None,
     )
-    arm: str | None = key("in a file with `robots`, the one that executes the pick; by default any may", default=None)
-    part: str | None = key("the type of its object, one of `parts`", default=None)
-    grasp: str | None = key("the grasp of its part; by default all of them are tried in order", default=None)
-    tool: str | None = key("the tool, one of `tools`; by default that of the grasp or of the part", default=None)
-    by_part: bool = key(
+    arm: str | None = st.key(
+        "in a file with `robots`, the one that executes the pick; by default any may", default=None
+    )
+    part: str | None = st.key("the type of its object, one of `parts`", default=None)
+    grasp: str | None = st.key("the grasp of its part; by default all of them are tried in order", default=None)
+    tool: str | None = st.key("the tool, one of `tools`; by default that of the grasp or of the part", default=None)
+    by_part: bool = st.key(
         "whether the grasps of the part are tried, because no pose is stated", default=False, hidden=True
     )
 
@@ -595,33 +578,33 @@ def _transformed(target: _Target, placement: SE3) -> _Target:
 LARGEST_PATTERN = 100_000
 """Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
 
-GRID = Table(
+GRID = st.Table(
     "grid",
     "The grid of a pattern, along the axes of the pick's frame.",
-    required("counts", list_of(integer(1), 3, 3), "number of picks along x, y, z"),
-    required("step", vector(), "distance of neighbours along x, y, z", "m"),
+    st.required("counts", st.list_of(st.integer(1), 3, 3), "number of picks along x, y, z"),
+    st.required("step", st.vector(), "distance of neighbours along x, y, z", "m"),
 )
 
-PATTERN = Table(
+PATTERN = st.Table(
     "pattern",
     "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    required("grid", GRID, "a regular grid"),
+    st.required("grid", GRID, "a regular grid"),
 )
 
-DEFAULTS = Table(
+DEFAULTS = st.Table(
     "defaults",
     "Keys of a pick that apply where a pick does not state them.",
-    *(key for key in table_of(Pick).keys if key.name != "name"),
-    rules=ONE_ORIENTATION,
+    *(key for key in st.table_of(Pick).keys if key.name != "name"),
+    rules=st.ONE_ORIENTATION,
 )
 
-PICK = Table(
+PICK = st.Table(
     "pick",
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
     "`defaults`, unless a `part` is stated; an `object` is required for `part`, `support`, `place` and `upright`.",
-    *table_of(Pick).keys,
-    Key("pattern", PATTERN, "copies of this pick on a grid"),
-    rules=ONE_ORIENTATION,
+    *st.table_of(Pick).keys,
+    st.Key("pattern", PATTERN, "copies of this pick on a grid"),
+    rules=st.ONE_ORIENTATION,
     make=Pick,
 )
 

@@ -12,31 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Scene
+from pinproof.common import structs as st
 from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import (
-    ANY_TEXT,
-    NUMBER,
-    TEXT,
-    Accepting,
-    Kind,
-    Misread,
-    Table,
-    any_of,
-    choice,
-    described,
-    key,
-    list_of,
-    mapping_to,
-    number,
-    parsed,
-    position,
-    required,
-    simple,
-    step,
-    struct,
-    table_of,
-)
 from pinproof.common.validation import require_number
 from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
@@ -55,16 +33,16 @@ def _margin(name: str, value: object) -> float:
     return margin
 
 
-MARGIN = simple(number(minimum=0).schema, _margin, parsed)
+MARGIN = st.simple(st.number(minimum=0).schema, _margin, st.parsed)
 
 
-@struct("frame", eq=False)
+@st.struct("frame", eq=False)
 class NamedFrame:
     """A named frame in which picks can be stated: parent_from_frame."""
 
-    pose: SE3 = key("its pose in the parent", inline=POSE_IN_REACH)
-    frame: str = key(
-        "the parent: another frame, an obstacle, or a link that does not move", default="", kind=ANY_TEXT, shown=""
+    pose: SE3 = st.key("its pose in the parent", inline=POSE_IN_REACH)
+    frame: str = st.key(
+        "the parent: another frame, an obstacle, or a link that does not move", default="", kind=st.ANY_TEXT, shown=""
     )
 
 
@@ -97,29 +75,31 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
-@struct("pair_margin")
+@st.struct("pair_margin")
 class PairMargin:
     """The margin of one pair of bodies."""
 
-    between: tuple[str, ...] = key("the two bodies: links, bodies of a tool or obstacles", kind=list_of(TEXT, 2, 2))
-    margin: float = key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
+    between: tuple[str, ...] = st.key(
+        "the two bodies: links, bodies of a tool or obstacles", kind=st.list_of(st.TEXT, 2, 2)
+    )
+    margin: float = st.key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
 
 
-@struct("problem", written=True)
+@st.struct("problem", written=True)
 class PickProblem:
     """A row of the picks file that could not be read; the other rows are judged."""
 
-    row: int = key("number of the row")
-    name: str = key("name of the pick, if it is known")
-    reason: str = key("why it could not be read", kind=TEXT)
+    row: int = st.key("number of the row")
+    name: str = st.key("name of the pick, if it is known")
+    reason: str = st.key("why it could not be read", kind=st.TEXT)
 
 
-@described(eq=False)
+@st.described(eq=False)
 class CellRobot:
     """One of the robots of a picks file for several robots."""
 
-    world_from_base: SE3 = key("the pose of the base link of its arm in the cell")
-    settings: Picks = key(
+    world_from_base: SE3 = st.key("the pose of the base link of its arm in the cell")
+    settings: Picks = st.key(
         "what the file states of the robot, its hand and its home, here or for all robots; without picks"
     )
 
@@ -147,7 +127,7 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     return checks
 
 
-@struct(
+@st.struct(
     eq=False,
     repr=False,
     rules=[ONE_HOLDER],
@@ -160,76 +140,75 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
 class Picks(RobotAndHand, Shown):
     """A list of picks and their shared settings."""
 
-    picks: Accepting[tuple[Pick, ...], Iterable[Pick]] = key("the picks in order; their names are unique", hidden=True)
-    problems: tuple[PickProblem, ...] = key("rows of the file that could not be read", default=(), hidden=True)
-    tools: Mapping[str, Tool] = key(
+    picks: st.Accepting[tuple[Pick, ...], Iterable[Pick]] = st.key(
+        "the picks in order; their names are unique", hidden=True
+    )
+    problems: tuple[PickProblem, ...] = st.key("rows of the file that could not be read", default=(), hidden=True)
+    tools: Mapping[str, Tool] = st.key(
         "tools by name, or for each the name of a [tool file](tool.md). `tip`, `fingers`, `cup` and gripping joints "
         "are then those of the tool of a pick; `tool`, `gripper`, `held` and `payload` of the file are always mounted",
         default_factory=dict,
-        kind=mapping_to(TOOL, "names to tools"),
+        kind=st.mapping_to(TOOL, "names to tools"),
     )
-    tool_change: float | Literal["mounted"] | None = key(
+    tool_change: float | Literal["mounted"] | None = st.key(
         "time for a change of the tool, at the home configuration; `mounted` if all tools are mounted at the same "
         "time. Required for several tools",
         "s",
         default=None,
-        kind=any_of(choice(MOUNTED), number("s", minimum=0), check=_tool_change),
+        kind=st.any_of(st.choice(MOUNTED), st.number("s", minimum=0), check=_tool_change),
     )
-    parts: Mapping[str, PartType] = key(
-        "part types by name", default_factory=dict, kind=mapping_to(PART_TYPE, "names to part types")
+    parts: Mapping[str, PartType] = st.key(
+        "part types by name", default_factory=dict, kind=st.mapping_to(PART_TYPE, "names to part types")
     )
-    conveyor: Conveyor | None = key("a belt that moves objects of picks", default=None)
-    optimise: int | None = key(
+    conveyor: Conveyor | None = st.key("a belt that moves objects of picks", default=None)
+    optimise: int | None = st.key(
         "number of evaluations to shorten each transit and each transfer; 0 to follow the planned paths. A budget that "
         "a caller states overrides it",
         default=None,
         minimum=0,
         shown=PickBudget().motion,
     )
-    straight: float = key(
+    straight: float = st.key(
         "share of each approach and retreat, next to the part, that is a straight line; the arm may leave out the rest "
         "to pass without a stop, where a certified motion does. All of it is straight where `speed` limits the stage",
         default=0.5,
         above=0,
         maximum=1,
     )
-    frames: Mapping[str, NamedFrame] = key("named frames for the poses of picks and places", default_factory=dict)
-    margin: float = key(
-        "smallest allowed distance between any two bodies",
-        "m",
-        default=0.0,
-        kind=MARGIN,
-    )
-    margins: tuple[PairMargin, ...] = key(
+    frames: Mapping[str, NamedFrame] = st.key("named frames for the poses of picks and places", default_factory=dict)
+    margin: float = st.key("smallest allowed distance between any two bodies", "m", default=0.0, kind=MARGIN)
+    margins: tuple[PairMargin, ...] = st.key(
         "margins of pairs of bodies, which replace `margin`. Two links of one gripper need no margin: they are checked "
         "for contact, unless the SRDF disables the pair",
         default=(),
     )
-    torque_limits: bool = key(
+    torque_limits: bool = st.key(
         "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
         default=False,
     )
-    scene: Path | None = key(
+    scene: Path | None = st.key(
         "a [scene file](scene.md); by default an empty scene",
         default=None,
-        kind=Kind(
-            TEXT.schema, lambda _, value: Path(value), lambda name, file, path: path.parent / TEXT.check(name, file)
+        kind=st.Kind(
+            st.TEXT.schema,
+            lambda _, value: Path(value),
+            lambda name, file, path: path.parent / st.TEXT.check(name, file),
         ),
     )
-    home: Mapping[str, float] = key(
+    home: Mapping[str, float] = st.key(
         "joint values, by name, where motions start; by default the robot's own",
         "rad or m",
         default_factory=dict,
-        kind=mapping_to(NUMBER, "joint names to values"),
+        kind=st.mapping_to(st.NUMBER, "joint names to values"),
         shown=None,
     )
-    checks: Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = key(
+    checks: st.Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = st.key(
         "checks of configurations at the grasp, each a :class:`~pinproof.picks.PickCheck`",
         default=(),
-        kind=simple({}, _checks),
+        kind=st.simple({}, _checks),
         hidden=True,
     )
-    robots: Mapping[str, CellRobot] = key(
+    robots: Mapping[str, CellRobot] = st.key(
         "the robots of a cell by name, if the file is for several; poses are then in the frame ``world``",
         default_factory=dict,
         hidden=True,
@@ -327,9 +306,9 @@ class Picks(RobotAndHand, Shown):
         count, stated = len(self.tools), [own for own in ("fingers", "cup", "grip") if getattr(self, own)]
         if count and (stated or not self.tip.isIdentity()):
             own = {"grip": "held"}.get(stated[0], stated[0]) if stated else "tip"
-            raise Misread(f"is stated beside tools; state it in one of {', '.join(self.tools)}", (f".{own}",))
+            raise st.Misread(f"is stated beside tools; state it in one of {', '.join(self.tools)}", (f".{own}",))
         if count > 1 and self.tool_change is None:
-            raise Misread(
+            raise st.Misread(
                 f"{count} tools are stated but no tool_change; state the seconds of a change, or tool_change: mounted "
                 "if all are mounted at the same time",
                 (".tools",),
@@ -342,7 +321,9 @@ class Picks(RobotAndHand, Shown):
             )
         )
         if doubled := [name for name, number in names.items() if number > 1]:
-            raise Misread(f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",))
+            raise st.Misread(
+                f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",)
+            )
 
     def check_parts(self, tools: Collection[str], joints: Collection[str], *, several: bool) -> None:
         """Check that part types name only ``tools`` and gripping ``joints``.
@@ -360,17 +341,17 @@ class Picks(RobotAndHand, Shown):
             named |= {grasp.tool: (*steps, ".grasps", f"[{grasp.name!r}]") for grasp in part.grasps}
             for tool, where in named.items():
                 if tool is not None and tool not in tools:
-                    raise Misread(str(UnknownNameError("tool", tool, tools or ("none",))), (*where, ".tool"))
+                    raise st.Misread(str(UnknownNameError("tool", tool, tools or ("none",))), (*where, ".tool"))
             for own, where in ((part, steps), *((each, (*steps, ".grasps")) for each in part.grasps)):
                 for joint in own.held:
                     if joint not in joints:
                         unknown = UnknownNameError(
                             "joint", joint, joints or ("none",), "the gripping joints of the hands"
                         )
-                        raise Misread(str(unknown), (*where, ".held"))
+                        raise st.Misread(str(unknown), (*where, ".held"))
             if several and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
                 reason = f"states no tool for some of its grasps; choose one of {', '.join(tools)} for the part"
-                raise Misread(reason, steps)
+                raise st.Misread(reason, steps)
 
     def refuse_conveyor(self, what: str) -> None:
         """Raise InputError if the picks have a conveyor, which ``what`` does not support."""
@@ -460,15 +441,15 @@ class Picks(RobotAndHand, Shown):
         return [float(self.home[name]) for name in names]
 
 
-SETTINGS = table_of(Picks)
+SETTINGS = st.table_of(Picks)
 
 OF_ALL = ("scene", "margin", "margins", "torque_limits", "conveyor", "parts", "optimise", "straight", "frames")
 """The settings that all robots of a file share; each robot may state the others."""
 
-CELL_ROBOT = Table(
+CELL_ROBOT = st.Table(
     "cell_robot",
     "One of several robots. A key that it does not state is that of the file.",
-    required("base", POSE_IN_REACH, "the pose of the base link of its arm in the frame `world`"),
+    st.required("base", POSE_IN_REACH, "the pose of the base link of its arm in the frame `world`"),
     *(own for own in SETTINGS.keys if own.name not in OF_ALL),
 )
 
@@ -486,9 +467,9 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
         return CellRobot(base, replace(shared, **values, places={**shared.places, **_places(own)}))
 
     # Each robot with its own settings
-    robots = mapping_to(Kind({}, lambda _, robot: robot, parse), "names to robots")
-    where = position(content, "robots")
-    shared = replace(shared, robots=step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
+    robots = st.mapping_to(st.Kind({}, lambda _, robot: robot, parse), "names to robots")
+    where = st.position(content, "robots")
+    shared = replace(shared, robots=st.step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
     every = [robot.settings for robot in shared.robots.values()] or [shared]
     tools = list(dict.fromkeys(name for each in every for name in each.tools))
     hands = [hand for each in every for hand in (each, *each.tools.values())]
@@ -497,8 +478,8 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
         try:
             each.check_tools()
             each.check_parts(tools, joints, several=len(each.tools) > 1)
-        except Misread as error:
-            raise Misread(error.reason, error.steps, _position(content, error.steps)) from error
+        except st.Misread as error:
+            raise st.Misread(error.reason, error.steps, _position(content, error.steps)) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):
             reason = "is valid only if the robot is a file that ends in .xacro"
             raise PicksError(path, reason, each.places["xacro_args"])
@@ -511,7 +492,7 @@ def _position(content: Any, steps: tuple[Any, ...]) -> str:
     for own in (str(each).removeprefix(".") for each in steps):
         if not isinstance(content, LinedMapping) or own not in content:
             break
-        where, content = position(content, own), content[own]
+        where, content = st.position(content, own), content[own]
     return where
 
 

@@ -28,21 +28,9 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.common import structs as st
 from pinproof.common.content_hash import digest, digest_many
 from pinproof.common.files import YAML_SUFFIXES, os_errors, other_separator, read_yaml, refuse_unreadable
-from pinproof.common.structs import (
-    Key,
-    Misread,
-    Table,
-    any_of,
-    errors_of,
-    list_of,
-    mapping_to,
-    position,
-    required,
-    simple,
-    step,
-)
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import DEFAULTS, PICK, Pick, completed, picks_of_row
 from pinproof.picks.input.picks import CELL_ROBOT, SETTINGS, PickProblem, Picks, read_settings
@@ -446,26 +434,26 @@ def _stamp(file: Any) -> tuple[int, int]:
 
 SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
 
-PICKS = Table(
+PICKS = st.Table(
     "picks",
     "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
     "its folder.",
     *(key for key in SETTINGS.keys if key.name != "frames"),
-    Key(
+    st.Key(
         "robots",
-        mapping_to(CELL_ROBOT),
+        st.mapping_to(CELL_ROBOT),
         "several robots by name: all poses are then in the frame `world`, and links and joints have the prefix "
         "`NAME/` in the scene",
         "",
         {},
     ),
     *(key for key in SETTINGS.keys if key.name == "frames"),
-    Key("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
-    required(
+    st.Key("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
+    st.required(
         "picks",
-        any_of(
-            list_of(PICK, 1),
-            simple({"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"}),
+        st.any_of(
+            st.list_of(PICK, 1),
+            st.simple({"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"}),
         ),
         "the picks, or a table of them in a CSV file",
     ),
@@ -507,12 +495,12 @@ def open_picks(path: str | Path) -> PickSource:
         return PickTable(path)
     # The settings and defaults, in which errors are not those of one row
     content = read_yaml(path, PICKS.names, PicksError, suffixes=SUFFIXES)
-    with errors_of(path, PicksError):
+    with st.errors_of(path, PicksError):
         PICKS.refuse_unknown(content)
         rows = content.get("picks", [])
         table = isinstance(rows, str) and Path(rows).suffix.lower() == TABLE_SUFFIX
         if not table and not isinstance(rows, list):
-            raise Misread(f"is {rows!r}, not a list of picks", (".picks",), position(content, "picks"))
+            raise st.Misread(f"is {rows!r}, not a list of picks", (".picks",), st.position(content, "picks"))
         if not rows:
             raise InputError("contains no picks; add a list under 'picks:'")
 
@@ -527,7 +515,7 @@ def open_picks(path: str | Path) -> PickSource:
             picks_of_row(completed(example, stated), {}, path)
             return stated
 
-        defaults = step(".defaults", position(content, "defaults"), readable, content.get("defaults", {}))
+        defaults = st.step(".defaults", st.position(content, "defaults"), readable, content.get("defaults", {}))
         shared = read_settings(content, path)
     if table:
         return PickTable(path.parent / rows, shared=shared, defaults=defaults)
@@ -565,7 +553,7 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
             taken.update(pick.name for pick in made)
             picks += made
         except (InputError, FileError) as error:
-            reason, where = error.reason if isinstance(error, FileError) else str(error), position(row)
-            reason = f"{where}: {reason}" if where and not isinstance(error, Misread) else reason
+            reason, where = error.reason if isinstance(error, FileError) else str(error), st.position(row)
+            reason = f"{where}: {reason}" if where and not isinstance(error, st.Misread) else reason
             problems.append(PickProblem(number, str(name or f"row {number}"), reason))
     return PickList(replace(shared, picks=tuple(picks), problems=tuple(problems)))

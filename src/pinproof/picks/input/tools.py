@@ -8,31 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from pinproof.collision import Obstacle
+from pinproof.common import structs as st
 from pinproof.common.files import read_yaml
 from pinproof.common.results import ByValue
-from pinproof.common.structs import (
-    ANY_TEXT,
-    NUMBER,
-    POSE,
-    TEXT,
-    TRANSFORM,
-    Key,
-    Kind,
-    Rule,
-    Table,
-    any_of,
-    errors_of,
-    file_of,
-    key,
-    list_of,
-    mapping_to,
-    optional,
-    pose_of,
-    required,
-    simple,
-    struct,
-    table_of,
-)
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Payload, checked_payloads, load_robot
 from pinproof.picks.input.settings import GripLimits, GripperFingers, SuctionCup, bodies
@@ -43,15 +21,15 @@ MOST_TOOL = 5.0
 """Metres. A longer tool is stated in millimetres."""
 
 
-def pose_in_reach(most: float = MOST_REACH) -> Table:
+def pose_in_reach(most: float = MOST_REACH) -> st.Table:
     """The keys of a pose whose position (m) is not clearly in millimetres: no number is above ``most``."""
 
     def make(**stated: Any) -> SE3:
-        placed = pose_of(**stated)
+        placed = st.pose_of(**stated)
         refuse_millimetres("xyz", placed.translation.tolist(), most=most)
         return placed
 
-    return Table(POSE.title, POSE.text, *POSE.keys, rules=POSE.rules, make=make)
+    return st.Table(st.POSE.title, st.POSE.text, *st.POSE.keys, rules=st.POSE.rules, make=make)
 
 
 POSE_IN_REACH = pose_in_reach()
@@ -59,13 +37,13 @@ POSE_IN_REACH = pose_in_reach()
 
 # -- the hand ---------------------------------------------------------------------------------------------------------
 
-HELD = Table(
+HELD = st.Table(
     "open_and_grip",
     "Two values of a finger joint of the robot.",
-    required("open", NUMBER, "before the grasp and after the release", "rad or m"),
-    Key(
+    st.required("open", st.NUMBER, "before the grasp and after the release", "rad or m"),
+    st.Key(
         "grip",
-        NUMBER,
+        st.NUMBER,
         "from the grasp to the release; by default the fingers close until two of them touch the object, towards the "
         "limit of the joint that is farther from `open`",
         "rad or m",
@@ -73,9 +51,9 @@ HELD = Table(
 )
 
 
-def _joint_values(when: str) -> Kind:
+def _joint_values(when: str) -> st.Kind:
     """Values of joints by name; of those with two values, the one of the open or of the gripping hand."""
-    stated = mapping_to(any_of(NUMBER, HELD), "joint names to values, or to open and grip")
+    stated = st.mapping_to(st.any_of(st.NUMBER, HELD), "joint names to values, or to open and grip")
 
     def parse(name: str, values: object, path: Path) -> dict[str, float | None]:
         return {
@@ -84,11 +62,11 @@ def _joint_values(when: str) -> Kind:
             if when == "open" or isinstance(value, dict)
         }
 
-    return Kind(stated.schema, mapping_to(NUMBER if when == "open" else optional(NUMBER)).check, parse)
+    return st.Kind(stated.schema, st.mapping_to(st.NUMBER if when == "open" else st.optional(st.NUMBER)).check, parse)
 
 
 def _held() -> Any:
-    return key(
+    return st.key(
         "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may touch "
         "the object",
         "rad or m",
@@ -98,7 +76,7 @@ def _held() -> Any:
 
 
 def _grip() -> Any:
-    return key(
+    return st.key(
         "the values of those joints that differ while an object is held, from the grasp to the release; None where the "
         "fingers close until they touch it",
         "rad or m",
@@ -108,7 +86,7 @@ def _grip() -> Any:
     )
 
 
-ONE_HOLDER = Rule(
+ONE_HOLDER = st.Rule(
     ("cup",),
     lambda hand: (
         "state a cup and fingers; a part is held by one of them"
@@ -118,39 +96,41 @@ ONE_HOLDER = Rule(
 )
 
 
-@struct("hand", kw_only=True, eq=False)
+@st.struct("hand", kw_only=True, eq=False)
 class Hand:
     """The hand that holds parts."""
 
-    tip: SE3 = key(
+    tip: SE3 = st.key(
         "tcp_from_tip: the frame that is moved to the poses of picks",
         default_factory=SE3.Identity,
-        kind=Kind(POSE, TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
+        kind=st.Kind(st.POSE, st.TRANSFORM.check, pose_in_reach(MOST_TOOL).parse),
     )
-    tool: Sequence[Obstacle] = key(
+    tool: Sequence[Obstacle] = st.key(
         "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body", default=(), kind=bodies()
     )
-    fingers: GripperFingers | None = key(
+    fingers: GripperFingers | None = st.key(
         "two moving fingers that are not part of the robot, open before the grasp and closed on the object after it",
         default=None,
     )
-    cup: SuctionCup | None = key(
+    cup: SuctionCup | None = st.key(
         "a suction cup at the tip, instead of fingers; its body is one of `tool`", default=None
     )
-    gripper: tuple[str, ...] = key(
+    gripper: tuple[str, ...] = st.key(
         "more links of the robot that may touch the object during and after the approach, as `tool` and `fingers` may",
         default=(),
-        kind=list_of(ANY_TEXT),
+        kind=st.list_of(st.ANY_TEXT),
     )
     held: Mapping[str, float] = _held()
     grip: Mapping[str, float | None] = _grip()
-    payload: Sequence[Payload] = key(
+    payload: Sequence[Payload] = st.key(
         "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
         default=(),
-        kind=any_of(table_of(Payload), list_of(table_of(Payload)), check=lambda _, value: checked_payloads(value)),
+        kind=st.any_of(
+            st.table_of(Payload), st.list_of(st.table_of(Payload)), check=lambda _, value: checked_payloads(value)
+        ),
         shown=None,
     )
-    grip_limits: GripLimits = key("the criteria for holding an object", default_factory=GripLimits)
+    grip_limits: GripLimits = st.key("the criteria for holding an object", default_factory=GripLimits)
 
     @property
     def open_tool(self) -> tuple[Obstacle, ...]:
@@ -158,7 +138,7 @@ class Hand:
         return (*self.tool, *(() if self.fingers is None else self.fingers.apart()))
 
 
-HAND = table_of(Hand)
+HAND = st.table_of(Hand)
 
 
 # -- values of the hand for a part, a grasp or a pick -----------------------------------------------------------------
@@ -166,9 +146,9 @@ HAND = table_of(Hand)
 
 def _some_of(title: str, of: type, *names: str) -> Any:
     """The key of some of the values of a struct of the hand, as a mapping that replaces those of the tool."""
-    table = table_of(of)
-    keys = (Key(own.name, own.kind, own.text, own.unit) for own in table.keys if not names or own.name in names)
-    kind = Table(title, f"{table.text} Keys that are not stated are those of the tool.", *keys)
+    table = st.table_of(of)
+    keys = (st.Key(own.name, own.kind, own.text, own.unit) for own in table.keys if not names or own.name in names)
+    kind = st.Table(title, f"{table.text} Keys that are not stated are those of the tool.", *keys)
 
     def check(name: str, value: Mapping[str, Any]) -> dict[str, Any]:
         for own in value:
@@ -176,17 +156,17 @@ def _some_of(title: str, of: type, *names: str) -> Any:
                 raise UnknownNameError("key", own, kind.names, name)
         return {own.name: own.kind.check(own.name, value[own.name]) for own in kind.keys if own.name in value}
 
-    return key(
+    return st.key(
         f"keys of `{title.split('_of_')[0]}` that replace those of the tool",
         default_factory=dict,
-        kind=Kind(kind, check, kind.parse),
+        kind=st.Kind(kind, check, kind.parse),
     )
 
 
 Own = TypeVar("Own", bound="HandValues")
 
 
-@struct("hand_values", kw_only=True, eq=False)
+@st.struct("hand_values", kw_only=True, eq=False)
 class HandValues:
     """Values of the hand that a part type, a pick or a grasp states in place of those of the tool."""
 
@@ -231,7 +211,7 @@ def with_values(hand: HandLike, values: HandValues, name: str) -> HandLike:
 
 def _robot(_: str, stated: object, path: Path) -> str:
     """A catalogue name, or a path relative to the picks file."""
-    name: str = TEXT.check("robot", stated)
+    name: str = st.TEXT.check("robot", stated)
     return str(path.parent / name) if Path(name).suffix or "/" in name else name
 
 
@@ -241,35 +221,35 @@ def _argument(name: str, value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-FOLDER = file_of("folder")
+FOLDER = st.file_of("folder")
 
 
-@struct("robot_and_hand", kw_only=True, eq=False)
+@st.struct("robot_and_hand", kw_only=True, eq=False)
 class RobotAndHand(Hand):
     """The robot that a file states, with its tcp and limits, and the hand."""
 
-    robot: str | None = key(
+    robot: str | None = st.key(
         "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)",
         default=None,
-        kind=Kind(TEXT.schema, TEXT.check, _robot),
+        kind=st.Kind(st.TEXT.schema, st.TEXT.check, _robot),
     )
-    srdf: Path | None = key("an SRDF file of the robot", default=None, kind=file_of())
-    package_dirs: tuple[Path, ...] = key(
+    srdf: Path | None = st.key("an SRDF file of the robot", default=None, kind=st.file_of())
+    package_dirs: tuple[Path, ...] = st.key(
         "a folder, or a list of folders, that contain ROS packages",
         default=(),
-        kind=any_of(
-            FOLDER, list_of(FOLDER), check=lambda _, value: (value,) if isinstance(value, Path) else tuple(value)
+        kind=st.any_of(
+            FOLDER, st.list_of(FOLDER), check=lambda _, value: (value,) if isinstance(value, Path) else tuple(value)
         ),
     )
-    xacro_args: Mapping[str, str] = key(
+    xacro_args: Mapping[str, str] = st.key(
         "values of the arguments of a xacro file",
         default_factory=dict,
-        kind=mapping_to(simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
+        kind=st.mapping_to(st.simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
     )
-    limits: Path | None = key("a file of [joint limits](limits.md)", default=None, kind=file_of())
-    tcp: str | None = key("the tcp frame of the arm; by default that of the robot", default=None)
-    source: Path | None = key("the file they were read from", default=None, hidden=True)
-    places: Mapping[str, str] = key(
+    limits: Path | None = st.key("a file of [joint limits](limits.md)", default=None, kind=st.file_of())
+    tcp: str | None = st.key("the tcp frame of the arm; by default that of the robot", default=None)
+    source: Path | None = st.key("the file they were read from", default=None, hidden=True)
+    places: Mapping[str, str] = st.key(
         "positions in that file of the keys that name something of the robot, for messages",
         default_factory=dict,
         hidden=True,
@@ -303,7 +283,7 @@ class RobotAndHand(Hand):
             raise PicksError(self.source, str(error), self.places[own]) from error
 
 
-@struct("tool", kw_only=True, eq=False, rules=[ONE_HOLDER])
+@st.struct("tool", kw_only=True, eq=False, rules=[ONE_HOLDER])
 class Tool(RobotAndHand, ByValue):
     """A tool: the hand, and the robot whose links are its fingers.
 
@@ -313,7 +293,7 @@ class Tool(RobotAndHand, ByValue):
     that of the file.
     """
 
-    name: str = key("its name in messages", default="tool", hidden=True)
+    name: str = st.key("its name in messages", default="tool", hidden=True)
 
     @classmethod
     def load(cls, path: str | Path) -> Tool:
@@ -324,15 +304,15 @@ class Tool(RobotAndHand, ByValue):
         PicksError
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
-        path, table = Path(path), table_of(cls)
+        path, table = Path(path), st.table_of(cls)
         content = read_yaml(path, table.names, PicksError)
-        with errors_of(path, PicksError):
+        with st.errors_of(path, PicksError):
             values = table.values("the file", content, path)
             made: Tool = table.made(content, {**values, "source": path, "name": path.stem})
             return made
 
 
-_OWN = Table(
+_OWN = st.Table(
     "tool_of_picks", "A tool. Links that are its fingers are those of the robot of the file.", *HAND.keys, make=Tool
 )
 
@@ -345,5 +325,5 @@ def _tool(name: str, stated: Any, path: Path) -> Tool:
     return made
 
 
-TOOL = Kind(any_of(_OWN, file_of()).schema, lambda _, tool: tool, _tool)
+TOOL = st.Kind(st.any_of(_OWN, st.file_of()).schema, lambda _, tool: tool, _tool)
 """A tool of a picks file."""

@@ -26,13 +26,7 @@ from pinproof.model import Arm
 from pinproof.motion import least_times
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
-from pinproof.picks.judging.configurations import (
-    STARTS,
-    along_families,
-    configurations,
-    limit_margin,
-    turned_inside,
-)
+from pinproof.picks.judging.configurations import STARTS, along_families, configurations, limit_margin, turned_inside
 from pinproof.picks.judging.hold import PROVEN, normals_agree
 from pinproof.picks.judging.task import PickTask, at_rest
 from pinproof.picks.judging.verdict import REFUTATION, Stage, StageResult

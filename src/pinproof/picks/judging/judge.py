@@ -39,13 +39,7 @@ import numpy as np
 from pinproof.errors import InputError
 from pinproof.motion import CubicPath, JointPath, least_times
 from pinproof.picks.input.pick import Member, Pick
-from pinproof.picks.judging.configurations import (
-    REDUNDANT,
-    at_full_speed,
-    best_margins,
-    least_seconds,
-    limit_margin,
-)
+from pinproof.picks.judging.configurations import REDUNDANT, at_full_speed, best_margins, least_seconds, limit_margin
 from pinproof.picks.judging.conveyor import VALID, judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import (
     NO_SOLUTION,

@@ -333,11 +333,7 @@ class _PartsTiming:
                     self._curves[near].timed = moving
 
     def _prove(
-        self,
-        joined: _StageCurve,
-        lines: tuple[LineEnd | None, LineEnd | None],
-        trajectory: Trajectory,
-        chosen: Chosen,
+        self, joined: _StageCurve, lines: tuple[LineEnd | None, LineEnd | None], trajectory: Trajectory, chosen: Chosen
     ) -> Certificate:
         """The certificate of the part of a curve with another trajectory, and the chosen motions on its lines."""
         moving = {id(line.path): motion for line, motion in zip(lines, chosen, strict=True) if line and motion}

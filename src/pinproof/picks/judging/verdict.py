@@ -13,20 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Mover, Obstacle, Scene, proven_millimetres
+from pinproof.common import structs as st
 from pinproof.common.results import Rows, Shown, View, Written
-from pinproof.common.structs import (
-    ANY_TEXT,
-    OPTIONAL_NUMBER,
-    PLAIN_NUMBER,
-    TEXT,
-    Kind,
-    key,
-    list_of,
-    mapping_to,
-    optional,
-    reported,
-    struct,
-)
 from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.motion import (
@@ -90,15 +78,15 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
-@struct("stage", written=True)
+@st.struct("stage", written=True)
 class StageResult:
     """The result of one stage of a pick."""
 
-    stage: Stage = key("name of the stage", kind=ANY_TEXT)
-    ok: bool = key("whether it succeeded")
-    message: str = key("what was found")
-    figures: Mapping[str, float] = key(
-        "numbers by name, in m, rad and s", default_factory=dict, kind=mapping_to(OPTIONAL_NUMBER)
+    stage: Stage = st.key("name of the stage", kind=st.ANY_TEXT)
+    ok: bool = st.key("whether it succeeded")
+    message: str = st.key("what was found")
+    figures: Mapping[str, float] = st.key(
+        "numbers by name, in m, rad and s", default_factory=dict, kind=st.mapping_to(st.OPTIONAL_NUMBER)
     )
 
     def __str__(self) -> str:
@@ -110,23 +98,23 @@ class ProvenMotion:
 
     certificates: tuple[Certificate, ...]
 
-    @reported("m")
+    @st.reported("m")
     def clearance_proven(self) -> float | None:
         """Proven lower bound of every distance; null with a number in ``pairs_proven`` if no two bodies can touch."""
         return float(np.min([each.clearance for each in self.certificates])) if self.certificates else None
 
-    @reported("m")
+    @st.reported("m")
     def clearance_observed(self) -> float | None:
         """Smallest distance found while proving."""
         return float(np.min([each.observed for each in self.certificates])) if self.certificates else None
 
-    @reported()
+    @st.reported()
     def pairs_proven(self) -> int | None:
         """Number of pairs of bodies proven."""
         return max((each.pairs for each in self.certificates), default=None)
 
 
-@struct(
+@st.struct(
     "motion",
     first=("name", "duration", "clearance_proven", "clearance_observed", "pairs_proven", "attached", "backwards",
            "partings", "constraints"),
@@ -144,20 +132,22 @@ class PickMotion(ProvenMotion, Shown):
     retreat ends there.
     """
 
-    name: str = key("`pick`, or `transit`, `approach`, `retreat`, `transfer`, `place`, `leave`")
-    trajectory: Trajectory = key("the timed motion", hidden=True)
-    certificate: Certificate = key("its proof, for `arm.with_held(held)`", hidden=True)
-    attached: tuple[Obstacle, ...] = key(
+    name: str = st.key("`pick`, or `transit`, `approach`, `retreat`, `transfer`, `place`, `leave`")
+    trajectory: Trajectory = st.key("the timed motion", hidden=True)
+    certificate: Certificate = st.key("its proof, for `arm.with_held(held)`", hidden=True)
+    attached: tuple[Obstacle, ...] = st.key(
         "names of the bodies that move with the tcp",
-        kind=Kind(list_of(ANY_TEXT).schema, lambda _, value: value, write=lambda found: [each.name for each in found]),
+        kind=st.Kind(
+            st.list_of(st.ANY_TEXT).schema, lambda _, value: value, write=lambda found: [each.name for each in found]
+        ),
     )
-    scene: Scene = key("the scene during this motion", hidden=True)
-    held: Mapping[str, float] = key(
+    scene: Scene = st.key("the scene during this motion", hidden=True)
+    held: Mapping[str, float] = st.key(
         "values of the joints outside the arm by name, such as finger joints", "rad or m", default_factory=dict,
         hidden=True,
     )  # fmt: skip
-    torques: tuple[TorquePeak, ...] = key("the largest torques, if torque is limited", default=(), added=True)
-    movers: tuple[Mover, ...] = key(
+    torques: tuple[TorquePeak, ...] = st.key("the largest torques, if torque is limited", default=(), added=True)
+    movers: tuple[Mover, ...] = st.key(
         "the obstacles that move during this motion, as seen from its start", default=(), hidden=True
     )
 
@@ -166,22 +156,22 @@ class PickMotion(ProvenMotion, Shown):
         """The only certificate."""
         return (self.certificate,)
 
-    @reported("s")
+    @st.reported("s")
     def duration(self) -> float:
         """Duration."""
         return self.trajectory.duration
 
-    @reported()
+    @st.reported()
     def backwards(self) -> bool:
         """Whether the reversed motion was proven."""
         return self.certificate.backwards
 
-    @reported()
+    @st.reported()
     def partings(self) -> tuple[str, ...]:
         """Pairs that may touch at the start (at the end if ``backwards``), and how they were proven to separate."""
         return tuple(map(str, self.certificate.partings))
 
-    @reported()
+    @st.reported()
     def constraints(self) -> tuple[str, ...]:
         """Constraints of the tcp, each with its proven largest error."""
         return tuple(map(str, self.certificate.constraints))
@@ -191,15 +181,17 @@ class PickMotion(ProvenMotion, Shown):
         return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
 
 
-@struct("intercept", written=True)
+@st.struct("intercept", written=True)
 class Intercept:
     """Where and when the part is taken from a conveyor."""
 
-    start_time: float = key("start of the motion on the clock of the conveyor", "s")
-    time: float = key("time on that clock at which the tool is at the part", "s")
-    travel: float = key("distance that the part has moved until then", "m")
-    position_deviation: float = key("upper bound of the deviation of the tcp while the gripper closes", "m", minimum=0)
-    rotation_deviation: float = key("upper bound of the deviation of its orientation", "rad", minimum=0)
+    start_time: float = st.key("start of the motion on the clock of the conveyor", "s")
+    time: float = st.key("time on that clock at which the tool is at the part", "s")
+    travel: float = st.key("distance that the part has moved until then", "m")
+    position_deviation: float = st.key(
+        "upper bound of the deviation of the tcp while the gripper closes", "m", minimum=0
+    )
+    rotation_deviation: float = st.key("upper bound of the deviation of its orientation", "rad", minimum=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +241,7 @@ def member_of(grasp: str | None, words: str) -> str:
     return ": ".join(filter(None, (grasp, words)))
 
 
-@struct(
+@st.struct(
     "verdict",
     first=("name", "verdict", "failed_at", "reason", "remedy", "frame", "xyz", "rpy", "member", "configurations_tried",
            "grip", "grasp", "tool", "grasps_failed", "stages", "refuted", "q_grasp", "grasp_time", "release_time",
@@ -287,40 +279,40 @@ class PickVerdict(ProvenMotion, Shown, Written):
     then good, or the text states the later stage at which it fails.
     """
 
-    pick: Pick = key("the pick", hidden=True)
-    status: PickStatus = key("the verdict; `impossible` is proven, `not found` is not", name="verdict")
-    stages: tuple[StageResult, ...] = key("the stages in order")
-    configurations: int = key(
+    pick: Pick = st.key("the pick", hidden=True)
+    status: PickStatus = st.key("the verdict; `impossible` is proven, `not found` is not", name="verdict")
+    stages: tuple[StageResult, ...] = st.key("the stages in order")
+    configurations: int = st.key(
         "number of configurations at the grasp that were tried", name="configurations_tried", default=0, minimum=0
     )
-    q_grasp: npt.NDArray[np.float64] | None = key(
-        "configuration at the grasp", "rad or m", default=None, kind=optional(list_of(PLAIN_NUMBER))
+    q_grasp: npt.NDArray[np.float64] | None = st.key(
+        "configuration at the grasp", "rad or m", default=None, kind=st.optional(st.list_of(st.PLAIN_NUMBER))
     )
-    trajectory: Trajectory | None = key("all motions joined; None unless GOOD", default=None, hidden=True)
-    grasp_time: float | None = key("time of the grasp", "s", default=None)
-    certificate: Certificate | None = key(
+    trajectory: Trajectory | None = st.key("all motions joined; None unless GOOD", default=None, hidden=True)
+    grasp_time: float | None = st.key("time of the grasp", "s", default=None)
+    certificate: Certificate | None = st.key(
         "FREE for exactly the trajectory of a good pick without an object. With an object the moving bodies change, "
         "and each of `motions` has its own certificate",
         default=None,
         hidden=True,
     )
-    motions: tuple[PickMotion, ...] = key("the parts of the motion of a good pick", default=())
-    release_time: float | None = key("time of the release; null without a place", "s", default=None)
-    suggestions: tuple[Suggestion, ...] = key("one for each kind of change that helps", default=(), hidden=True)
-    refuted: tuple[str, ...] = key(
+    motions: tuple[PickMotion, ...] = st.key("the parts of the motion of a good pick", default=())
+    release_time: float | None = st.key("time of the release; null without a place", "s", default=None)
+    suggestions: tuple[Suggestion, ...] = st.key("one for each kind of change that helps", default=(), hidden=True)
+    refuted: tuple[str, ...] = st.key(
         "for an impossible pick: each configuration with the reason why it is excluded", default=()
     )
-    member: str = key(
+    member: str = st.key(
         "how the grasp differs from the nominal one, such as its spin; empty for the nominal one", default=""
     )
-    score: Mapping[str, float] = key(
+    score: Mapping[str, float] = st.key(
         "the parts of the score, from 0 to 1, and under `score` their weighted sum",
         default_factory=dict,
-        kind=mapping_to(OPTIONAL_NUMBER),
+        kind=st.mapping_to(st.OPTIONAL_NUMBER),
     )
-    grip: GripResult | None = key("how the part of a good pick is held", default=None, added=True)
-    intercept: Intercept | None = key("where and when a part is taken from a conveyor", default=None, added=True)
-    grasps_failed: tuple[str, ...] = key(
+    grip: GripResult | None = st.key("how the part of a good pick is held", default=None, added=True)
+    intercept: Intercept | None = st.key("where and when a part is taken from a conveyor", default=None, added=True)
+    grasps_failed: tuple[str, ...] = st.key(
         "the other grasps of its part that were tried, each with the stage at which it failed and the reason",
         default=(),
         added=True,
@@ -352,49 +344,49 @@ class PickVerdict(ProvenMotion, Shown, Written):
         """Whether the pick is GOOD."""
         return self.status is PickStatus.GOOD
 
-    @reported(name="failed_at", kind=optional(ANY_TEXT))
+    @st.reported(name="failed_at", kind=st.optional(st.ANY_TEXT))
     def failed(self) -> Stage | None:
         """The stage that failed; null for a good pick."""
         return None if self.ok else self.stages[-1].stage
 
-    @reported(kind=optional(ANY_TEXT))
+    @st.reported(kind=st.optional(st.ANY_TEXT))
     def grasp(self) -> str | None:
         """The grasp of its part with which it was judged; null for a pick with a pose of its own."""
         return self.pick.grasp
 
-    @reported(kind=optional(ANY_TEXT))
+    @st.reported(kind=st.optional(st.ANY_TEXT))
     def tool(self) -> str | None:
         """The tool with which it was judged; null if the file has no tools."""
         return self.pick.tool
 
-    @reported()
+    @st.reported()
     def reason(self) -> str:
         """Why it failed, or what is proven of a good pick: the message of the last stage judged."""
         return self.stages[-1].message
 
-    @reported(kind=TEXT)
+    @st.reported(kind=st.TEXT)
     def name(self) -> str:
         """Name of the pick."""
         return self.pick.name
 
-    @reported()
+    @st.reported()
     def frame(self) -> str:
         """The frame of the pose; empty for the root link of the robot."""
         return self.pick.frame
 
-    @reported("m")
+    @st.reported("m")
     def xyz(self) -> tuple[float, float, float]:
         """Position of the tip at the nominal grasp."""
         x, y, z = (xyz_rpy(self.pick.pose)[:3] + 0.0).tolist()  # no negative zeros
         return x, y, z
 
-    @reported("rad")
+    @st.reported("rad")
     def rpy(self) -> tuple[float, float, float]:
         """Its orientation about fixed axes: R = Rz Ry Rx."""
         roll, pitch, yaw = (xyz_rpy(self.pick.pose)[3:] + 0.0).tolist()
         return roll, pitch, yaw
 
-    @reported("s")
+    @st.reported("s")
     def duration(self) -> float | None:
         """Duration of the motion."""
         return None if self.trajectory is None else self.trajectory.duration
@@ -404,12 +396,12 @@ class PickVerdict(ProvenMotion, Shown, Written):
         """The certificates of all motions."""
         return tuple(motion.certificate for motion in self.motions)
 
-    @reported("m")
+    @st.reported("m")
     def margin(self) -> float | None:
         """Required distance between any two bodies."""
         return min((each.margin for each in self.certificates), default=None)
 
-    @reported(kind=list_of(list_of(ANY_TEXT, 3, 3)))
+    @st.reported(kind=st.list_of(st.list_of(st.ANY_TEXT, 3, 3)))
     def excluded_pairs(self) -> tuple[tuple[str, str, str], ...]:
         """Pairs that no proof covers: name, name, reason."""
         pairs = (pair for certificate in self.certificates for pair in certificate.excluded)
@@ -504,7 +496,7 @@ class PickVerdict(ProvenMotion, Shown, Written):
             member=member_of(self.grasp, self.member),
         )
 
-    @reported()
+    @st.reported()
     def remedy(self) -> str:
         """All suggestions with their effects in one line; empty if none was found."""
         return "; or ".join(map(str, self.suggestions))

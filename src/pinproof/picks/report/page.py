@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from pinproof import viewer
 from pinproof.collision import CheckerSpec, Obstacle, Scene, proven_millimetres
 from pinproof.common import theme
 from pinproof.common.files import write_text_whole
@@ -27,34 +28,6 @@ from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
-from pinproof.viewer import (
-    LONGEST,
-    Commands,
-    Drawing,
-    DrawnLink,
-    Film,
-    FilmPhase,
-    PoseMarkers,
-    Surface,
-    View,
-    arrow,
-    box_corners,
-    choose_view,
-    extremes,
-    film,
-    merge_by_colour,
-    node_path,
-    obstacle_surfaces,
-    panels,
-    placed_points,
-    set_stage,
-    simplified,
-    stage_commands,
-    still,
-    tool_points,
-    tracks,
-    transform_command,
-)
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
@@ -114,7 +87,7 @@ def write_page(
         )
     # The film of all rows that are shown
     shown = list(islice(rows, MOST_ROWS))
-    stage = simplified(set_stage(arm, scene, picks.tool))
+    stage = viewer.simplified(viewer.set_stage(arm, scene, picks.tool))
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     settings, commands, remarks = _animated(shown, stage, arm, scene, picks)
@@ -154,11 +127,11 @@ def write_page(
     )
     # The page
     card = CARD.format(hidden="" if shown else " hidden", options=options, captions="".join(captions))
-    text = panels.page(
+    text = viewer.panels.page(
         title or f"Picks of {arm.robot.name}",
         "picks",
         card
-        + panels.table(
+        + viewer.panels.table(
             "below",
             Rows((*COLUMNS, *columns), cells, numbers=("Clearance", "Duration"), colours=colours),
             [*remarks, *stage.notes],
@@ -167,15 +140,15 @@ def write_page(
         commands,
         label="The robot in its scene, with an arrow at every grasp in the colour of its verdict",
         summary=escape(summary),
-        head=panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
-        script=panels.part("page.js", __package__),
+        head=viewer.panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
+        script=viewer.panels.part("page.js", __package__),
     )
     write_text_whole(path, text)
 
 
 def _caption(
     row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, source: str
-) -> panels.Caption:
+) -> viewer.panels.Caption:
     """The caption of a row; ``source`` is that of the acceleration limits."""
     # The headline: FREE only if a certificate matches exactly what is shown
     tone, reason = row["verdict"], row.get("reason", "")
@@ -201,14 +174,14 @@ def _caption(
         "Member": row.get("member", ""),
     }
     steps = [
-        (panels.TICK if stage["ok"] else panels.CROSS, stage["stage"], stage["message"])
+        (viewer.panels.TICK if stage["ok"] else viewer.panels.CROSS, stage["stage"], stage["message"])
         for stage in row.get("stages", ())
     ]
     if len(motions := row.get("motions", ())) > 1:
         parts = [("\u25b8", motion["name"], _seconds(motion["duration"]), _proven_text(motion)) for motion in motions]
         steps = [(mark, name, f"{seconds}, {clearance}") for mark, name, seconds, clearance in parts] + steps
     lists = {"refuted configurations": row.get("refuted"), "other grasps that failed": row.get("grasps_failed")}
-    return panels.Caption(
+    return viewer.panels.Caption(
         headline,
         reason,
         tone if tone in theme.TONES else "still",
@@ -295,21 +268,23 @@ class PageMotions:
     changed for display, in sentences.
     """
 
-    stage: Drawing
+    stage: viewer.Drawing
     scene: Scene
-    films: tuple[Film | None, ...]
+    films: tuple[viewer.Film | None, ...]
     bodies: tuple[dict[str, Obstacle], ...]
     notes: tuple[str, ...]
 
     @classmethod
     def of(
-        cls, stage: Drawing, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]
+        cls, stage: viewer.Drawing, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]
     ) -> PageMotions:
         """The motions of verdicts; ``tool`` are the bodies that the stage always draws attached to the tcp."""
         always = {thing.name for thing in tool}
         parts = [
             [
-                FilmPhase(part.trajectory, tuple(t for t in part.attached if t.name not in always), movers=part.movers)
+                viewer.FilmPhase(
+                    part.trajectory, tuple(t for t in part.attached if t.name not in always), movers=part.movers
+                )
                 for part in (() if verdict is None else verdict.motions)
             ]
             for verdict in verdicts
@@ -322,7 +297,8 @@ class PageMotions:
         spare = budget - overhead[fits].sum()  # bytes left for poses
         rate = min(RATE, spare / (BYTES_A_POSE * max(float(np.array(seconds)[fits].sum()), 1e-9)))
         films = tuple(
-            film(stage, phases, rate=rate) if phases and fit else None for phases, fit in zip(parts, fits, strict=True)
+            viewer.film(stage, phases, rate=rate) if phases and fit else None
+            for phases, fit in zip(parts, fits, strict=True)
         )
         bodies = tuple({thing.name: thing for phase in phases for thing in phase.attached} for phases in parts)
         notes = []
@@ -334,7 +310,7 @@ class PageMotions:
             notes.append(f"The motions of {left} more good picks are omitted to limit the size of this page.")
         return cls(stage, scene, films, bodies, tuple(notes))
 
-    def camera(self, rest: Film, grasps: Array) -> View:
+    def camera(self, rest: viewer.Film, grasps: Array) -> viewer.View:
         """The view that frames the robot at rest and during the motions, and the grasps (G, 4, 4).
 
         The tool, the carried parts and the obstacles near them are in the picture.
@@ -346,14 +322,14 @@ class PageMotions:
         carried = [path[:, :3, 3] for each in films for path in each.riders.values()]
         paths = np.concatenate([np.empty((0, 3)), *(each.tcps[:, 0] for each in films), *carried])
         paths = paths[:: -(-len(paths) // SHOWN_POINTS) or 1]
-        tool = [tool_points(stage, rest.poses)]
+        tool = [viewer.tool_points(stage, rest.poses)]
         for shown, bodies in zip(self.films, self.bodies, strict=True):
             if shown is not None:
-                points = [tool_points(stage, shown.poses)]
+                points = [viewer.tool_points(stage, shown.poses)]
                 for name, path in shown.riders.items():
                     if surfaces := surfaces_of(bodies[name]):
-                        points.append(placed_points(box_corners(surfaces), path))
-                tool.append(extremes(np.concatenate(points)))
+                        points.append(viewer.placed_points(viewer.box_corners(surfaces), path))
+                tool.append(viewer.extremes(np.concatenate(points)))
         # Grasps within an upper bound of the distance of any point of the robot from its root
         parts = [[float(np.linalg.norm(part.vertices, axis=1).max()) for part in link.surfaces] for link in stage.links]
         extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + [max(sizes) for sizes in parts]).max())
@@ -363,15 +339,15 @@ class PageMotions:
         order = np.argsort(np.arctan2(near[:, 1, 3], near[:, 0, 3]), kind="stable")
         for number, group in enumerate(group for group in np.array_split(near[order], GROUPS) if len(group)):
             few = group[:: -(-len(group) // A_GROUP)]
-            surfaces = merge_by_colour([arrow(LONGEST).moved(grasp) for grasp in few])
-            groups.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
+            surfaces = viewer.merge_by_colour([viewer.arrow(viewer.LONGEST).moved(grasp) for grasp in few])
+            groups.append(viewer.DrawnLink(f"grasps {number}", tuple(surfaces)))
         at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
         seen = replace(stage, links=(*stage.links, *groups))
-        tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
+        tails = near[:, :3, 3] - viewer.LONGEST * near[:, :3, 2]
         framed = np.concatenate([rest.tcps[:, 0], paths, near[:, :3, 3], tails])
-        return choose_view(seen, np.concatenate([poses, at_rest], axis=1), framed, tool=np.concatenate(tool))
+        return viewer.choose_view(seen, np.concatenate([poses, at_rest], axis=1), framed, tool=np.concatenate(tool))
 
-    def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
+    def add_to(self, commands: viewer.Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion. Carried bodies are drawn, but hidden until their pick is selected."""
         drawn: dict[tuple[str, bytes], str] = {}
         motions: list[dict[str, Any] | None] = []
@@ -383,47 +359,48 @@ class PageMotions:
             motions.append(
                 {
                     "duration": float(shown.times[-1]),
-                    "tracks": tracks(commands, self.stage, shown, places),
+                    "tracks": viewer.tracks(commands, self.stage, shown, places),
                     "path": commands.array(shown.tcps[:, 0].astype(np.float32).ravel()),
                     "riders": {
                         **{places[name]: poses[0].T.ravel().tolist() for name, poses in shown.riders.items()},
                         **{
-                            node_path("scene", name): poses[0].T.ravel().tolist() for name, poses in shown.moved.items()
+                            viewer.node_path("scene", name): poses[0].T.ravel().tolist()
+                            for name, poses in shown.moved.items()
                         },
                     },
                 }
             )
         return motions
 
-    def at_rest(self, rest: Film) -> list[dict[str, Any]]:
+    def at_rest(self, rest: viewer.Film) -> list[dict[str, Any]]:
         """Commands that restore the pose of everything that a motion has moved."""
         names = {name for bodies in self.bodies for name in bodies}
         names |= {name for shown in self.films if shown is not None for name in shown.moved}
         back = [
-            transform_command(node_path("robot", link.name), at)
+            viewer.transform_command(viewer.node_path("robot", link.name), at)
             for link, at in zip(self.stage.links, rest.poses[0], strict=True)
         ]
         things = (thing for thing in self.stage.obstacles if thing.name in names)
-        return back + [transform_command(node_path("scene", thing.name), thing.pose) for thing in things]
+        return back + [viewer.transform_command(viewer.node_path("scene", thing.name), thing.pose) for thing in things]
 
-    def _place(self, thing: Obstacle, commands: Commands, drawn: dict[tuple[str, bytes], str]) -> str:
+    def _place(self, thing: Obstacle, commands: viewer.Commands, drawn: dict[tuple[str, bytes], str]) -> str:
         """The node of a carried body; identical bodies of several picks are drawn once."""
         if thing.name in self.scene:
-            return node_path("scene", thing.name)
+            return viewer.node_path("scene", thing.name)
         surfaces = surfaces_of(thing)
         key = (thing.name, b"".join(surface.vertices.tobytes() for surface in surfaces))
         if key not in drawn:
-            drawn[key] = path = node_path("riders", str(len(drawn)))
+            drawn[key] = path = viewer.node_path("riders", str(len(drawn)))
             for number, surface in enumerate(surfaces):
                 commands.set_surface(f"{path}/{number}", surface)
             commands.set_property(path, "visible", False)
         return drawn[key]
 
 
-def surfaces_of(thing: Obstacle) -> list[Surface]:
+def surfaces_of(thing: Obstacle) -> list[viewer.Surface]:
     """The surfaces of a body for display; empty if its mesh cannot be read."""
     try:
-        return obstacle_surfaces(thing)
+        return viewer.obstacle_surfaces(thing)
     except MeshError:  # a missing mesh must not prevent the page
         return []
 
@@ -433,15 +410,15 @@ OPEN_HAND = "open hand"
 
 
 def _animated(
-    rows: Sequence[PageRow], stage: Drawing, arm: Arm, scene: Scene, picks: Picks
-) -> tuple[dict[str, Any], Commands, list[str]]:
+    rows: Sequence[PageRow], stage: viewer.Drawing, arm: Arm, scene: Scene, picks: Picks
+) -> tuple[dict[str, Any], viewer.Commands, list[str]]:
     """The settings and commands of the film of all rows, and notes on what was changed for display."""
     verdicts = [verdict for _, verdict in rows]
     home = next(
         (v.trajectory.start for v in verdicts if v is not None and v.trajectory is not None),
         np.array(picks.home_configuration(arm.joint_names, arm.home)),
     )
-    motions, rest = PageMotions.of(stage, scene, picks.tool, verdicts), still(stage, home)
+    motions, rest = PageMotions.of(stage, scene, picks.tool, verdicts), viewer.still(stage, home)
     # The chosen grasp of a good pick, otherwise the nominal grasp of the row; a row may have no pose
     placed: list[Array | None] = []
     for values, _ in rows:
@@ -456,10 +433,10 @@ def _animated(
         placed.append(None if root_from_tip is None else matrix(root_from_tip))
     grasps = np.array([grasp for grasp in placed if grasp is not None]).reshape(-1, 4, 4)
     view = motions.camera(rest, grasps)
-    commands = stage_commands(stage, rest, view)
+    commands = viewer.stage_commands(stage, rest, view)
     # The open fingers at home, which the page shows unless a motion with its own fingers is played
     for thing in picks.fingers.apart() if picks.fingers is not None else ():
-        path = node_path(OPEN_HAND, thing.name)
+        path = viewer.node_path(OPEN_HAND, thing.name)
         for number, surface in enumerate(surfaces_of(thing)):
             commands.set_surface(f"{path}/{number}", surface)
         commands.set_transform(path, stage.tcp_poses(home)[0] @ matrix(thing.pose))
@@ -467,7 +444,7 @@ def _animated(
     marked = [k for k, grasp in enumerate(placed) if grasp is not None]
     index_of = {name: index for index, name in enumerate(theme.VERDICTS)}
     colour_of = np.array([index_of.get(rows[k][0]["verdict"], -1) for k in marked], dtype=np.int64)
-    markers = PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
+    markers = viewer.PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
     settings = {
         **view.settings(),
         "marked": marked,

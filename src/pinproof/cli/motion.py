@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pinproof as pp
+from pinproof.cli import options
 from pinproof.cli.console import (
     check_output_files,
     print_error,
@@ -16,31 +17,15 @@ from pinproof.cli.console import (
     until_interrupted,
     written,
 )
-from pinproof.cli.options import (
-    Configuration,
-    ConstraintOptions,
-    Html,
-    IgnoreRecord,
-    Json,
-    RateOptions,
-    Robot,
-    Seed,
-    SetupOptions,
-    argument,
-    load_motion,
-    note_limits,
-    option,
-    parse_configuration,
-)
 from pinproof.errors import InputError, MeshError
 
 
 def check(
-    robot: Robot,
-    q: Configuration = None,
+    robot: options.Robot,
+    q: options.Configuration = None,
     *,
-    setup: SetupOptions,
-    as_json: Json = False,
+    setup: options.SetupOptions,
+    as_json: options.Json = False,
 ) -> None:
     """Check a configuration for joint limits and collisions.
 
@@ -51,7 +36,7 @@ def check(
     # Limits and collisions are reported together
     arm = setup.arm(robot)
     checker = setup.checker(arm)
-    configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
+    configuration = arm.limits.snap(options.parse_configuration(q, arm, "--q"))
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
     ok = result.free and not outside
@@ -71,19 +56,19 @@ def check(
 class PlanOptions:
     """How the motion is found."""
 
-    blend: bool = option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
-    planner: str = option(
+    blend: bool = options.option("Round the corners of the path; with --no-blend the arm stops at each corner.", True)
+    planner: str = options.option(
         "The planner: rrt_connect, or MODULE:CLASS for a class with the method of pinproof.planning.Planner.",
         "rrt_connect",
         metavar="PLANNER",
     )
-    jerk: str | None = option(
+    jerk: str | None = options.option(
         "Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for the jerk limits in the file of "
         "--limits. Default: no jerk limit.",
         None,
         metavar="NUMBER|limits",
     )
-    optimise: int = option(
+    optimise: int = options.option(
         "How many changes of the motion are tried to reduce its duration. With 0, the shortened path is only timed.",
         600,
         min=0,
@@ -91,16 +76,16 @@ class PlanOptions:
 
 
 def plan(
-    robot: Robot,
-    goal: str | None = option("Goal joint values in rad or m, or home.", None, metavar="VALUES"),
-    xyz: str | None = option(
+    robot: options.Robot,
+    goal: str | None = options.option("Goal joint values in rad or m, or home.", None, metavar="VALUES"),
+    xyz: str | None = options.option(
         'Instead of --goal, the position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".',
         None,
         metavar="POSITION",
     ),
-    rpy: str = option('Roll, pitch and yaw at --xyz in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
-    start: str | None = option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
-    output: Path | None = option(
+    rpy: str = options.option('Roll, pitch and yaw at --xyz in radians: "pi 0 0".', "0 0 0", metavar="ANGLES"),
+    start: str | None = options.option("Start joint values in rad or m. Default: home.", None, metavar="VALUES"),
+    output: Path | None = options.option(
         "The motion file to write (.json, .csv), and beside it its proof (.proof.json) for pinproof certify --verify.",
         None,
         "-o",
@@ -108,12 +93,12 @@ def plan(
     ),
     *,
     effort: PlanOptions,
-    html: Html = None,
-    seed: Seed = 0,
-    upright: ConstraintOptions,
-    rates: RateOptions,
-    setup: SetupOptions,
-    as_json: Json = False,
+    html: options.Html = None,
+    seed: options.Seed = 0,
+    upright: options.ConstraintOptions,
+    rates: options.RateOptions,
+    setup: options.SetupOptions,
+    as_json: options.Json = False,
 ) -> None:
     """Plan a certified motion from a configuration to another one, or to a pose, as short as the limits allow.
 
@@ -132,8 +117,8 @@ def plan(
             raise InputError(f"--jerk must be a number or the word limits, not {effort.jerk!r}") from None
     arm = setup.arm(robot)
     limits, world = rates.limits(arm), setup.world()
-    begin = parse_configuration(start, arm, "--start")
-    end = parse_configuration(goal, arm, "--goal") if xyz is None else setup.target(xyz, rpy)
+    begin = options.parse_configuration(start, arm, "--start")
+    end = options.parse_configuration(goal, arm, "--goal") if xyz is None else setup.target(xyz, rpy)
     with progress_status("planning"):
         found = pp.plan(
             setup.checker(arm, world),
@@ -161,27 +146,29 @@ def plan(
 class PngOptions:
     """Options of the PNG picture."""
 
-    png: Path | None = option("Write a picture (PNG). Requires a Chromium-based browser.", None)
-    time: float | None = option("Time of the motion that --png shows, in seconds.", None)
-    size: str = option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
+    png: Path | None = options.option("Write a picture (PNG). Requires a Chromium-based browser.", None)
+    time: float | None = options.option("Time of the motion that --png shows, in seconds.", None)
+    size: str = options.option("Size of --png in pixels.", "1280x800", metavar="WIDTHxHEIGHT")
 
 
 def view(
-    robot: Robot,
-    motion: Path | None = argument("A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"),
-    q: Configuration = None,
-    branches: bool = option("Also show all other IK solutions for the tcp pose of --q, transparent.", False),
-    layer: list[str] | None = option(
+    robot: options.Robot,
+    motion: Path | None = options.argument(
+        "A motion file to play (.json, .csv, .yaml or .yml).", None, metavar="MOTION"
+    ),
+    q: options.Configuration = None,
+    branches: bool = options.option("Also show all other IK solutions for the tcp pose of --q, transparent.", False),
+    layer: list[str] | None = options.option(
         "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
     ),
-    html: Html = None,
-    port: int = option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
-    browser: bool = option("Open the live view in the browser.", True),
-    ignore_record: IgnoreRecord = False,
+    html: options.Html = None,
+    port: int = options.option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
+    browser: bool = options.option("Open the live view in the browser.", True),
+    ignore_record: options.IgnoreRecord = False,
     *,
     png_options: PngOptions,
-    setup: SetupOptions,
-    as_json: Json = False,
+    setup: options.SetupOptions,
+    as_json: options.Json = False,
 ) -> None:
     """Show a robot or a motion in the browser (Ctrl-C ends it), as an HTML page (--html) or as a picture (--png).
 
@@ -206,12 +193,12 @@ def view(
     # A motion is certified; a configuration is checked if there is something to collide with.
     if motion is not None:
         checker = setup.checker(arm, world)
-        content["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
+        content["trajectory"] = trajectory = options.load_motion(motion, checker, ignore_record)
         with progress_status("certifying"):
             content["certificate"] = pp.certify(trajectory, checker)
     else:
-        content["q"] = configuration = parse_configuration(q, arm, "--q")
-        note_limits(arm, configuration)
+        content["q"] = configuration = options.parse_configuration(q, arm, "--q")
+        options.note_limits(arm, configuration)
         if q is not None or setup.surrounds:
             try:
                 content["check"] = setup.checker(arm, world).check(configuration)

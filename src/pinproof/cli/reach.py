@@ -11,17 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import pinproof as pp
+from pinproof.cli import options
 from pinproof.cli.console import check_output_files, print_note, print_result, progress_bar, written
-from pinproof.cli.options import (
-    Json,
-    Place,
-    Robot,
-    Seed,
-    SetupOptions,
-    numbers,
-    option,
-    placement,
-)
 from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
@@ -43,14 +34,14 @@ REMEDIES = {
 class OrientationOptions:
     """The orientations of the tool that are tried at each point."""
 
-    orientations: Literal["down", "cone", "all", "home"] = option(
+    orientations: Literal["down", "cone", "all", "home"] = options.option(
         "Directions of the z axis of the tool: straight down, in a cone around straight down, all directions, "
         "or the direction at home, for planar arms.",
         "down",
     )
-    angle: float = option("Half angle of the cone in degrees.", 30.0, min=0.0, max=180.0)
-    directions: int = option("Number of directions for cone and all.", 12, min=1)
-    spins: int = option("Number of rotations about each direction.", 8, min=1)
+    angle: float = options.option("Half angle of the cone in degrees.", 30.0, min=0.0, max=180.0)
+    directions: int = options.option("Number of directions for cone and all.", 12, min=1)
+    spins: int = options.option("Number of rotations about each direction.", 8, min=1)
 
     def frames(self, axis: Array) -> Array:
         """Rotations (k, 3, 3) of the tool; ``axis`` (3,) is the z axis of the tool at home."""
@@ -68,35 +59,35 @@ class OrientationOptions:
 
 
 def reach(
-    robot: Robot,
-    region: str = option(
+    robot: options.Robot,
+    region: str = options.option(
         'The box to map, in metres: "x0 x1 y0 y1 z0 z1". Two equal bounds make it a plane.', MISSING, metavar="BOX"
     ),
-    step: float = option("Largest distance between neighbouring grid points (m).", 0.1),
+    step: float = options.option("Largest distance between neighbouring grid points (m).", 0.1),
     *,
     orientation_options: OrientationOptions,
-    tip: str | None = option(
+    tip: str | None = options.option(
         'Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.',
         None,
         metavar="POSITION",
     ),
-    place: Place = "0 0 0 0",
-    output: list[Path] | None = option(
+    place: options.Place = "0 0 0 0",
+    output: list[Path] | None = options.option(
         "The map as .csv, .npz, .png (slices) or .html; can be given several times.",
         None,
         "-o",
         "--output",
         metavar="FILE",
     ),
-    against: Path | None = option(
+    against: Path | None = options.option(
         "An earlier map (.npz). The number of orientations gained and lost since then is printed, and the "
         "files of -o other than .npz show where.",
         None,
     ),
-    threads: int = option("Number of threads.", 1, min=1),
-    seed: Seed = 0,
-    setup: SetupOptions,
-    as_json: Json = False,
+    threads: int = options.option("Number of threads.", 1, min=1),
+    seed: options.Seed = 0,
+    setup: options.SetupOptions,
+    as_json: options.Json = False,
 ) -> None:
     """Map the reach of an arm: for each grid point, the share of orientations that it reaches without collision.
 
@@ -108,9 +99,9 @@ def reach(
     check_output_files(outputs, [robot, *setup.files, against], SUFFIXES)
     # Everything that can be refused is read before the map is computed
     before = None if against is None else pp.picks.ReachMap.load(against)
-    ends = numbers(region, "--region", "x0 x1 y0 y1 z0 z1")
+    ends = options.numbers(region, "--region", "x0 x1 y0 y1 z0 z1")
     warn_of_millimetres("--region", ends)
-    grid, world_from_root = pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step), placement(place)
+    grid, world_from_root = pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step), options.placement(place)
     arm = setup.arm(robot)
     # The checker needs the scene in the frame of the robot's root.
     checker = setup.checker(arm, setup.world().transformed(world_from_root.inverse()))
@@ -118,7 +109,7 @@ def reach(
         print_note(f"every configuration is in collision: {contact}")
     if hint := pp.collision.overlap_hint(checker, arm.home, checker.check(arm.home)):
         print_note(hint)
-    tcp_from_tip = setup.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip", "x y z"))
+    tcp_from_tip = setup.attachments.tip if tip is None else pp.pose(options.numbers(tip, "--tip", "x y z"))
     at_home = world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tcp_from_tip
     axis = np.array(at_home.rotation[:, 2])
     frames = orientation_options.frames(axis)

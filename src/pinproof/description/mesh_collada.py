@@ -7,18 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.mesh_reading import (
-    DEEPEST_NODE,
-    MOST_NODES,
-    Reading,
-    fan,
-    numbers,
-    placed,
-    refuse_many,
-    refused,
-    strip,
-    triangulate,
-)
+from pinproof.description import mesh_reading
 from pinproof.description.xml_reader import Element, parse_text, place
 from pinproof.errors import MeshError
 
@@ -38,7 +27,7 @@ ASSET |= {"unit", "up_axis"}
 Mesh = tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]
 
 
-def read_collada(data: bytes, path: Path) -> Reading:
+def read_collada(data: bytes, path: Path) -> mesh_reading.Reading:
     """Read a DAE file. Its up axis is not applied."""
     root = parse_text(data, path, MeshError, huge=True)
     for element in root.iter():
@@ -57,9 +46,9 @@ class _Collada:
             self.targets.setdefault((element.tag, element.get("id", "")), []).append(element)
 
     def refused(self, element: Element, reason: str) -> MeshError:
-        return refused(self.path, reason, place(element))
+        return mesh_reading.refused(self.path, reason, place(element))
 
-    def read(self) -> Reading:
+    def read(self) -> mesh_reading.Reading:
         # An element with a misspelt name must not be read over: the unit would be lost.
         # whatever is not known could hold geometry
         for element in self.root:
@@ -74,7 +63,7 @@ class _Collada:
             if element.getparent().tag != "asset":
                 continue
             try:
-                (meter,) = numbers(element.get("meter", "1").encode(), np.float64)
+                (meter,) = mesh_reading.numbers(element.get("meter", "1").encode(), np.float64)
             except ValueError:
                 meter = np.nan
             if not 0 < meter < np.inf:
@@ -99,15 +88,17 @@ class _Collada:
         for _, geometry in instances:
             points, corners = self.mesh(geometry)
             triangles, vertices = triangles + len(corners), vertices + len(points)
-            refuse_many(self.path, triangles, vertices)
-        return Reading(*placed((matrix, *self.mesh(geometry)) for matrix, geometry in instances), unit)
+            mesh_reading.refuse_many(self.path, triangles, vertices)
+        return mesh_reading.Reading(
+            *mesh_reading.placed((matrix, *self.mesh(geometry)) for matrix, geometry in instances), unit
+        )
 
     def instances(self) -> list[tuple[npt.NDArray[np.float64], Element]]:
         """The geometries of the scene that is shown, each with its transform."""
         # the scene that is shown must be the only one with geometry
         shown = [self.target(element, "visual_scene") for element in self.root.iterfind("scene/instance_visual_scene")]
         if len(shown) != 1:
-            raise refused(self.path, f"it shows {len(shown)} scenes (<instance_visual_scene>); valid: one")
+            raise mesh_reading.refused(self.path, f"it shows {len(shown)} scenes (<instance_visual_scene>); valid: one")
         for scene in self.root.iter("visual_scene"):
             if scene is not shown[0] and next(scene.iter(*INSTANCES), None) is not None:
                 raise self.refused(scene, f"the scene {scene.get('id')!r} has geometry, but is not shown")
@@ -118,10 +109,9 @@ class _Collada:
         while stack:
             node, matrix, unsupported, depth = stack.pop()
             nodes += 1
-            if nodes > MOST_NODES or depth > DEEPEST_NODE:
-                what = (
-                    f"the limit of a scene is {MOST_NODES:,} nodes with all instances, {DEEPEST_NODE} below each other"
-                )
+            if nodes > mesh_reading.MOST_NODES or depth > mesh_reading.DEEPEST_NODE:
+                most = f"{mesh_reading.MOST_NODES:,} nodes with all instances"
+                what = f"the limit of a scene is {most}, {mesh_reading.DEEPEST_NODE} below each other"
                 raise self.refused(node, what)
             # transforms apply in the order of the file, also to what follows them
             children = []
@@ -257,11 +247,13 @@ class _Collada:
             raise self.refused(
                 element, f"polygon {sizes.argmin() + 1} has {sizes.min()} corners; valid: at least three"
             )
-        refuse_many(self.path, int((sizes - 2).sum()))
+        mesh_reading.refuse_many(self.path, int((sizes - 2).sum()))
         if element.tag in ("tristrips", "trifans"):
-            return np.concatenate([(strip if element.tag == "tristrips" else fan)(part) for part in lists])
+            return np.concatenate(
+                [(mesh_reading.strip if element.tag == "tristrips" else mesh_reading.fan)(part) for part in lists]
+            )
         try:
-            return triangulate(points, corners, sizes)
+            return mesh_reading.triangulate(points, corners, sizes)
         except ValueError as error:
             raise self.refused(element, str(error)) from error
 
@@ -272,7 +264,7 @@ class _Collada:
 
     def floats(self, text: str, count: int, element: Element) -> npt.NDArray[np.float64]:
         try:
-            values = numbers(text.encode(), np.float64)
+            values = mesh_reading.numbers(text.encode(), np.float64)
         except ValueError as error:
             raise self.refused(element, str(error)) from error
         if len(values) != count:
@@ -281,7 +273,7 @@ class _Collada:
 
     def integers(self, text: str, element: Element) -> npt.NDArray[np.int64]:
         try:
-            return numbers(text.encode(), np.int64)
+            return mesh_reading.numbers(text.encode(), np.int64)
         except ValueError as error:
             raise self.refused(element, str(error)) from error
 

@@ -15,16 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.files import parse_json, read_bytes
-from pinproof.description.mesh_reading import (
-    DEEPEST_NODE,
-    MOST_NODES,
-    Reading,
-    fan,
-    placed,
-    refuse_many,
-    refused,
-    strip,
-)
+from pinproof.description import mesh_reading
 from pinproof.errors import MeshError
 
 APPEARANCE = (
@@ -52,7 +43,7 @@ OBJECTS = {
 INDEX_TYPES = {5121: "<u1", 5123: "<u2", 5125: "<u4"}
 
 TRIANGLES = 4
-MODES = {TRIANGLES: lambda corners: corners.reshape(-1, 3), 5: strip, 6: fan}
+MODES = {TRIANGLES: lambda corners: corners.reshape(-1, 3), 5: mesh_reading.strip, 6: mesh_reading.fan}
 """The triangles of each mode of a primitive with a surface (3.7.2.1)."""
 
 NO_SURFACE = (0, 1, 2, 3)
@@ -65,14 +56,14 @@ MALFORMED = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeE
 """What reading JSON of another structure raises."""
 
 
-def read_gltf(data: bytes, path: Path, files: Mapping[str, bytes]) -> Reading:
+def read_gltf(data: bytes, path: Path, files: Mapping[str, bytes]) -> mesh_reading.Reading:
     """Read a GLB or glTF file with its ``files`` (:func:`external_files`); the scene that is shown, y up, in metres."""
     try:
         document, chunk = _document(data)
         return _Gltf(document, chunk, files).read(path)
     except MALFORMED as error:
         what = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
-        raise refused(path, what) from error
+        raise mesh_reading.refused(path, what) from error
 
 
 def external_files(data: bytes, path: Path, largest: int) -> dict[str, bytes]:
@@ -88,7 +79,7 @@ def external_files(data: bytes, path: Path, largest: int) -> dict[str, bytes]:
                     raise ValueError(f"the buffer {name!r} is not in the folder of the file")
                 files[name] = read_bytes(file, MeshError, largest=largest)
     except MALFORMED as error:
-        raise refused(path, str(error)) from error
+        raise mesh_reading.refused(path, str(error)) from error
     return files
 
 
@@ -142,7 +133,7 @@ class _Gltf:
         self.arrays: dict[tuple[int, str], npt.NDArray[Any]] = {}
         self.contents: dict[int, bytes] = {}
 
-    def read(self, path: Path) -> Reading:
+    def read(self, path: Path) -> mesh_reading.Reading:
         for name in self.document.get("extensionsRequired", []):
             if not name.startswith(APPEARANCE):
                 raise ValueError(f"it requires the extension {name}, which is not supported")
@@ -157,7 +148,7 @@ class _Gltf:
             if corners.max() >= len(points):
                 raise ValueError(f"{place} has vertex indices outside the {len(points)} vertices")
             parts.append((matrix, points, MODES[primitive.get("mode", TRIANGLES)](corners)))
-        return Reading(*placed(parts))
+        return mesh_reading.Reading(*mesh_reading.placed(parts))
 
     def instances(self, path: Path) -> list[tuple[npt.NDArray[np.float64], dict[str, Any], str]]:
         """The primitives with a surface, each with its transform (3.5.3) and its name for messages."""
@@ -174,8 +165,9 @@ class _Gltf:
         while stack:
             index, above, depth = stack.pop()
             node = self.item("nodes", index)
-            if depth > DEEPEST_NODE or len(seen) >= MOST_NODES:
-                raise ValueError(f"the limit of its scene is {MOST_NODES:,} nodes, {DEEPEST_NODE} below each other")
+            if depth > mesh_reading.DEEPEST_NODE or len(seen) >= mesh_reading.MOST_NODES:
+                most = f"{mesh_reading.MOST_NODES:,} nodes, {mesh_reading.DEEPEST_NODE} below each other"
+                raise ValueError(f"the limit of its scene is {most}")
             seen.add(index)
             matrix = above @ _local(node, index)
             stack += [(child, matrix, depth + 1) for child in node.get("children", [])]
@@ -206,7 +198,7 @@ class _Gltf:
                     raise ValueError(f"{place} has {corner_count} corners, which make no triangles")
                 triangles += corner_count // 3 if mode == TRIANGLES else corner_count - 2
                 vertices += vertex_count
-                refuse_many(path, triangles, vertices)
+                mesh_reading.refuse_many(path, triangles, vertices)
                 instances.append((matrix, primitive, place))
         hidden = [index for index, node in enumerate(nodes) if "mesh" in node and index not in seen]
         if hidden:

@@ -22,19 +22,8 @@ from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import JointGroup, guess_mark
 from pinproof.motion import Trajectory, check_limits
 from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.viewer import overlays
 from pinproof.viewer.camera import View, choose_view, tool_points
-from pinproof.viewer.overlays import (
-    ColouredPoints,
-    add_frames,
-    add_surroundings,
-    body_nodes,
-    copies,
-    frame_names,
-    ghosts_at,
-    mark_radius,
-    marks_of,
-    swept,
-)
 from pinproof.viewer.panels import Caption
 from pinproof.viewer.stage import (
     Drawing,
@@ -165,7 +154,7 @@ class PictureContent(TypedDict, total=False):
     attached: Sequence[Obstacle]
     q: npt.ArrayLike | None
     title: str | None
-    points: ColouredPoints | None
+    points: overlays.ColouredPoints | None
     ghosts: npt.ArrayLike | None
     check: CheckResult | None
     frames: Mapping[str, SE3]
@@ -184,7 +173,7 @@ class Picture:
     attached: Sequence[Obstacle] = ()
     q: npt.ArrayLike | None = None
     title: str | None = None
-    points: ColouredPoints | None = None
+    points: overlays.ColouredPoints | None = None
     ghosts: npt.ArrayLike | None = None
     check: CheckResult | None = None
     frames: Mapping[str, SE3] = field(default_factory=dict)
@@ -216,7 +205,7 @@ class Picture:
             why = "; ".join(stage.notes) or "no link has geometry"
             raise ViewerError(f"robot {self.arm.robot.name!r} cannot be drawn: {why}")
         # The key frames of the motion, of the self-motion, or of one configuration
-        names = [name for name in frame_names(stage) if name not in self.frames]
+        names = [name for name in overlays.frame_names(stage) if name not in self.frames]
         q = self.arm.home if self.q is None else self.arm.configuration(self.q)
         if curve is not None:
             shown = film_of_elbow(stage, curve, names)
@@ -242,8 +231,8 @@ class Picture:
         contact = None
         if self.trajectory is not None and self.certificate is not None and caption.tone == "colliding":
             contact = self.certificate.first_contact
-        marks = marks_of(self.check if contact is None else contact)
-        ghost_poses = ghosts_at(stage, ghosts)
+        marks = overlays.marks_of(self.check if contact is None else contact)
+        ghost_poses = overlays.ghosts_at(stage, ghosts)
         extra = [mark.points for mark in marks] + ([] if self.points is None else [self.points.xyz])
         points = np.concatenate([*shown.tcps.swapaxes(0, 1), *extra])
         view = choose_view(stage, shown.poses, points, also=ghost_poses, tool=tool_points(stage, shown.poses))
@@ -255,8 +244,12 @@ class Picture:
                 reason = "The coloured points show a map; the arm shows one configuration, and nothing is proven."
                 caption = replace(caption, headline=MAP, reason=reason)
         for number, mark in enumerate(marks):
-            mark.draw(commands, number, mark_radius(radius))
-        steps = swept(stage, shown, radius) if curve is None else swept(stage, still(stage, curve.q[0]), radius)
+            mark.draw(commands, number, overlays.mark_radius(radius))
+        steps = (
+            overlays.swept(stage, shown, radius)
+            if curve is None
+            else overlays.swept(stage, still(stage, curve.q[0]), radius)
+        )
         frames = {name: poses[0] for name, poses in shown.frames.items()}
         frames |= {name: matrix(rigid(f"frames[{name!r}]", pose)) for name, pose in self.frames.items()}
         look = {"opacity": GHOST_OPACITY, "hues": [*map(theme.rgb, theme.GHOSTS)], "own": shown.poses[0]}
@@ -265,12 +258,12 @@ class Picture:
             "duration": float(shown.times[-1]),
             "start": None if contact is None else contact.time,
             "parameter": parameter,
-            "frames": add_frames(commands, frames, radius),
+            "frames": overlays.add_frames(commands, frames, radius),
             "copies": [
-                *copies(commands, stage, ghost_poses, "ghosts", **look),
-                *copies(commands, stage, steps, "sweep", opacity=SWEEP_OPACITY),
+                *overlays.copies(commands, stage, ghost_poses, "ghosts", **look),
+                *overlays.copies(commands, stage, steps, "sweep", opacity=SWEEP_OPACITY),
             ],
-            "touching": body_nodes(stage, marks),
+            "touching": overlays.body_nodes(stage, marks),
             "layers": self._layers(stage, shown, wanted, len(marks), len(steps), len(ghost_poses), len(ghosts)),
         }
         moving = self.trajectory is not None or curve is not None
@@ -318,7 +311,7 @@ class Picture:
 def stage_commands(stage: Drawing, shown: Film, view: View) -> Commands:
     """The commands that draw the links, obstacles, tcp path and motion in meshcat's viewer."""
     commands = Commands()
-    add_surroundings(commands, view, stage.floor(shown.poses))
+    overlays.add_surroundings(commands, view, stage.floor(shown.poses))
     for link, root_from_link in zip(stage.links, shown.poses[0], strict=True):
         for number, surface in enumerate(link.surfaces):
             commands.set_surface(node_path("robot", link.name, "visual", str(number)), surface)

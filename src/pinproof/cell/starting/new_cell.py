@@ -14,15 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from pinproof.cell.starting.station import (
-    OwnHand,
-    find_home,
-    fixed_box,
-    hand_points,
-    recognise_hand,
-    stated_pose,
-    work_areas,
-)
+from pinproof.cell.starting import station
 from pinproof.cell.starting.workpieces import MOST_BIN, MOST_PART, RestingPose, Workpiece, arrange, free_floor
 from pinproof.collision import CollisionChecker, Mesh, Scene, sample_overlaps
 from pinproof.common.files import write_text_whole
@@ -225,9 +217,9 @@ def new_cell(
             "tcp": arm.tcp,
         }
         head = "".join(f"{key}: {_flow(value)}\n" for key, value in files.items() if value)
-        hand = OwnHand({}, {}, 0.0)
+        hand = station.OwnHand({}, {}, 0.0)
         if tool is None:
-            hand = recognise_hand(arm, min(piece.narrowest for piece in pieces))
+            hand = station.recognise_hand(arm, min(piece.narrowest for piece in pieces))
             lines = "".join(f"{_comment(hand.why[key])}{key}: {_flow(value)}\n" for key, value in hand.keys.items())
             write_text_whole(made / "tool.yaml", f"{HEAD.format('')}{head}{lines}")
             own = Tool.load(made / "tool.yaml")
@@ -235,7 +227,7 @@ def new_cell(
         arm = own.load_arm()
 
         # The part types with their grasps, and where the parts lie
-        points = hand_points(arm, own)
+        points = station.hand_points(arm, own)
         types = [_part_type(piece, own, arm, points, relative, density, rng) for piece in pieces]
         chosen = [
             (f"{piece.name}_{number + 1}", piece, rests[number % len(rests)])
@@ -256,7 +248,7 @@ def new_cell(
         text += f"{_comment('Assumed: the lengths of the straight lines.')}defaults: {_flow(ends)}\n"
         text += f"{_comment('Each part is put onto the tray, in the pose in which it rests.')}picks:\n"
         for part in layout.parts:
-            place = {"object_pose": stated_pose(area * part.to), **ends}
+            place = {"object_pose": station.stated_pose(area * part.to), **ends}
             text += f"  - {_flow({'name': part.name, 'part': part.piece.name, 'object': part.name, 'place': place})}\n"
         write_text_whole(made / "picks.yaml", text)
         read_picks(made / "picks.yaml")  # before the folder is moved
@@ -326,7 +318,7 @@ def _part_type(
     text += f" It rests in {poses} (probability {shares}); the grasps from above in them, the best first:"
     stated = proposed.stated()
     grasps = [
-        {**stated[k], "name": f"grasp_{number}", **stated_pose(part_from_tip)}
+        {**stated[k], "name": f"grasp_{number}", **station.stated_pose(part_from_tip)}
         for number, (k, part_from_tip) in enumerate((grasp for found in from_above for grasp in found), 1)
     ]
     rows = "".join(f"      - {_flow(grasp)}\n" for grasp in grasps)
@@ -419,7 +411,7 @@ def _settle(
     bare = CollisionChecker(arm, margin=MARGIN, attached=tool.open_tool)
     around = float(np.max([-layout.size / 2 - layout.table[0], layout.table[1] - layout.size / 2]))
     for lift in LIFTS:
-        if areas := work_areas(bare, tool.tip, layout.size, lift, around, rng):
+        if areas := station.work_areas(bare, tool.tip, layout.size, lift, around, rng):
             break
     else:
         sides = " x ".join(f"{side:.2f}" for side in layout.size)
@@ -434,7 +426,7 @@ def _settle(
         text = _scene_text(arm, layout, box, area, relative)
         write_text_whole(file, text)
         scene = Scene.load(file)
-        found = find_home(bare.with_spec(replace(bare.spec, scene=scene)), tool.tip, area, lift, rng)
+        found = station.find_home(bare.with_spec(replace(bare.spec, scene=scene)), tool.tip, area, lift, rng)
         if found is None:
             continue
         tops = [
@@ -463,16 +455,16 @@ def _scene_text(
     arm: Arm, layout: Layout, box: Workpiece | None, root_from_area: SE3, relative: Callable[[Path], str]
 ) -> str:
     """The scene file: floor, table, tray, bin and parts."""
-    height, floor = float(root_from_area.translation[2]), float(fixed_box(arm)[0][2])
+    height, floor = float(root_from_area.translation[2]), float(station.fixed_box(arm)[0][2])
 
     def board(name: str, corners: tuple[Array, Array], bottom: float, top: float) -> dict[str, Any]:
         middle = root_from_area * pose([*(corners[0] + corners[1]) / 2, (bottom + top) / 2])
         sides = [*(corners[1] - corners[0]), top - bottom]
-        return {"name": name, "box": np.round(sides, 6), **stated_pose(middle), "rgba": COLOURS[name]}
+        return {"name": name, "box": np.round(sides, 6), **station.stated_pose(middle), "rgba": COLOURS[name]}
 
     def mesh(name: str, piece: Workpiece, at: SE3, colour: Sequence[float]) -> dict[str, Any]:
         shape = {"path": relative(piece.path), "scale": piece.scale}
-        return {"name": name, "mesh": shape, **stated_pose(root_from_area * at), "rgba": colour}
+        return {"name": name, "mesh": shape, **station.stated_pose(root_from_area * at), "rgba": colour}
 
     side = 2 * round(arm.robot.size + 1.0, 1)
     ground = {"box": [side, side, 0.02], "xyz": [0, 0, round(floor - 0.015, 6)], "rgba": COLOURS["floor"]}

@@ -436,26 +436,9 @@ class CampaignResult(Shown, Written):
     ) -> None:
         """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in ``path``.
 
-        The rows of a campaign contain no motions, so the page does not animate any.
-
-        Parameters
-        ----------
-        path
-            The file; its suffix must be ``.html``.
-        arm, scene, picks
-            The arm, the scene, and the settings shared by the picks. The default is those of the campaign; they are
-            required for a result that was opened from its folder.
-        title
-            The title of the page; the default is the name of the robot.
-
-        Raises
-        ------
-        InputError
-            For another suffix, or if ``arm``, ``scene`` or ``picks`` is needed and missing.
-        ViewerError
-            If no link of the robot has geometry to draw.
-        FileError
-            If the rows cannot be read or the page cannot be written.
+        The rows of a campaign contain no motions, so the page does not animate any. Arguments and errors are those of
+        :meth:`PickReport.save` for ``.html``, the only suffix. A result that was opened from its folder needs ``arm``,
+        ``scene`` and ``picks``.
         """
         from pinproof.picks.report.page import write_page
 

@@ -359,16 +359,7 @@ class Picks(RobotAndHand, Shown):
             raise InputError(f"{what} does not support picks from a conveyor; use validate_picks or pinproof pick")
 
     def load_arm(self) -> Arm:
-        """Load the arm that the file states, with its limits and held joints.
-
-        Raises
-        ------
-        InputError
-            If the file states no robot; also for the reasons of :func:`pinproof.load_robot` and
-            :meth:`pinproof.Robot.arm`.
-        PicksError
-            If a name in the file does not exist: a robot, a xacro argument, a tcp or a held joint.
-        """
+        """Load the arm that the file states, as :meth:`Tool.load_arm` does; InputError if it states several robots."""
         if self.robots:
             raise InputError(
                 f"{self.source or 'picks'}: is for several robots ({', '.join(self.robots)}), not for a single arm; "

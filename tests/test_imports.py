@@ -47,7 +47,6 @@ def test_importing_the_packages_loads_only_their_requirements() -> None:
         "errors",
         "description",
         "model",
-        "conversion",
         "motion",
         "ik",
         "collision",

@@ -1,6 +1,6 @@
 """The pick of the textbook, end to end.
 
-Its other cases are in ik/test_clik.py and, the position at zero, in conversion/test_dh_to_urdf.py.
+Its other cases are in ik/test_clik.py and, the position at zero, in model/test_dh_to_urdf.py.
 """
 
 from __future__ import annotations

@@ -27,11 +27,10 @@ from benchmarks.ik_methods import (
     poses_only,
 )
 from benchmarks.tables import NotApplicableError
-from pinproof.conversion import dh_to_urdf, urdf_to_dh
 from pinproof.description.dh import row_transform
 from pinproof.description.dh_urdf import TCP as TIP
 from pinproof.ik.analytic_plan import lines_of
-from pinproof.model import Arm, load_robot
+from pinproof.model import Arm, dh_to_urdf, load_robot, urdf_to_dh
 from pinproof.spatial import Array
 
 BASE = "base_link"

@@ -14,8 +14,7 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.errors": "FileError InputError NoAnswer PinproofError UnknownNameError",
     "pinproof.spatial": "pose xyz_rpy",
     "pinproof.description": "DhRow DhTable",
-    "pinproof.model": "Arm JointLimits Payload Robot assemble load_robot",
-    "pinproof.conversion": "dh_to_urdf urdf_to_dh write_urdf",
+    "pinproof.model": "Arm JointLimits Payload Robot assemble dh_to_urdf load_robot urdf_to_dh write_urdf",
     "pinproof.motion": "JointPath Trajectory time_parametrise",
     "pinproof.ik": "AnalyticIk Clik DampedLeastSquares Fabrik IkBatch IkResult PseudoInverse prove_unreachable track",
     "pinproof.collision": (
@@ -35,7 +34,6 @@ __all__ = sorted([*_MODULE_OF, "__version__"])
 _PACKAGES = (
     "cell",
     "collision",
-    "conversion",
     "description",
     "errors",
     "execution",
@@ -78,7 +76,6 @@ if TYPE_CHECKING:
         certify as certify,
         verify_proof as verify_proof,
     )
-    from pinproof.conversion import dh_to_urdf as dh_to_urdf, urdf_to_dh as urdf_to_dh, write_urdf as write_urdf
     from pinproof.description import DhRow as DhRow, DhTable as DhTable
     from pinproof.errors import (
         FileError as FileError,
@@ -105,7 +102,10 @@ if TYPE_CHECKING:
         Payload as Payload,
         Robot as Robot,
         assemble as assemble,
+        dh_to_urdf as dh_to_urdf,
         load_robot as load_robot,
+        urdf_to_dh as urdf_to_dh,
+        write_urdf as write_urdf,
     )
     from pinproof.motion import JointPath as JointPath, Trajectory as Trajectory, time_parametrise as time_parametrise
     from pinproof.picks import (

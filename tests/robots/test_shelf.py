@@ -13,10 +13,9 @@ import yaml
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.files import parse_number
-from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable, find_robot
 from pinproof.description.ros_files import example_robot_data
-from pinproof.model import Arm, load_robot
+from pinproof.model import Arm, dh_to_urdf, load_robot
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 HALF = math.pi / 2

@@ -1,4 +1,4 @@
-"""Robots, arms, joint limits, forward kinematics, Jacobians and inverse dynamics (Pinocchio)."""
+"""Robots, arms, joint limits, forward kinematics, Jacobians, inverse dynamics (Pinocchio), conversion of DH tables."""
 
 from pinproof.common import faces
 from pinproof.model.chain import (
@@ -6,6 +6,11 @@ from pinproof.model.chain import (
     held_values as held_values,
     joint_axis as joint_axis,
     link_path as link_path,
+)
+from pinproof.model.dh_tables import (
+    dh_to_urdf as dh_to_urdf,
+    urdf_to_dh as urdf_to_dh,
+    write_urdf as write_urdf,
 )
 from pinproof.model.dynamics import (
     GRAVITY as GRAVITY,
@@ -30,8 +35,6 @@ from pinproof.model.loading import (
     ROBOT_SUFFIXES as ROBOT_SUFFIXES,
     assemble as assemble,
     load_robot as load_robot,
-    prove_table_equals_arm as prove_table_equals_arm,
-    prove_urdf_equals_table as prove_urdf_equals_table,
 )
 from pinproof.model.robot import (
     PART as PART,

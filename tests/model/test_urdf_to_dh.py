@@ -10,10 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.conversion.dh_tables import COINCIDENT, FARTHEST, PARALLEL, DhAxis, dh_to_urdf, frame_on, urdf_to_dh
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
-from pinproof.model import Arm, load_robot, prove_table_equals_arm
+from pinproof.model import Arm, load_robot
+from pinproof.model.dh_tables import (
+    COINCIDENT,
+    FARTHEST,
+    PARALLEL,
+    DhAxis,
+    dh_to_urdf,
+    frame_on,
+    prove_table_equals_arm,
+    urdf_to_dh,
+)
 from pinproof.spatial import pose
 
 from ..examples import examples

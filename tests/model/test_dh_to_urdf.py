@@ -14,11 +14,10 @@ import yourdfpy
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.conversion import dh_to_urdf, write_urdf
 from pinproof.description import DhRow, DhTable, urdf_of_table
 from pinproof.description.xml_reader import rpy_of
 from pinproof.errors import ConversionError, FileError, InputError
-from pinproof.model import load_robot
+from pinproof.model import dh_to_urdf, load_robot, write_urdf
 from pinproof.spatial import pose
 
 from ..examples import examples
@@ -188,7 +187,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
         assert re.search(old, text), "the tampering must find its place"
         return re.sub(old, new, text)
 
-    monkeypatch.setattr("pinproof.conversion.dh_tables.urdf_of_table", tampered)
+    monkeypatch.setattr("pinproof.model.dh_tables.urdf_of_table", tampered)
     path = tmp_path / "arm.urdf"
     path.write_text("the content before", encoding="utf-8")
     with pytest.raises(ConversionError, match=words):

@@ -12,10 +12,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhRow, DhTable
 from pinproof.description.dh_urdf import DENSITY, link_bodies
-from pinproof.model import load_robot
+from pinproof.model import dh_to_urdf, load_robot
 
 from ..examples import examples
 

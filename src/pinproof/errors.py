@@ -9,6 +9,7 @@
     ├── FileError                        input file that cannot be used; the message states file and line
     │   ├── UrdfError                    URDF, xacro, MJCF or SRDF file
     │   ├── DhTableError                 Denavit-Hartenberg table
+    │   ├── CalibrationError             calibration file of an arm
     │   ├── MeshError                    mesh that is missing or invalid
     │   ├── SceneError                   scene file
     │   ├── PicksError                   picks file
@@ -37,6 +38,7 @@ from pathlib import Path
 from typing import Any
 
 __all__ = [
+    "CalibrationError",
     "CampaignError",
     "ConversionError",
     "CoreError",
@@ -156,6 +158,10 @@ class UrdfError(FileError):
 
 class DhTableError(FileError):
     """A Denavit-Hartenberg table that cannot be used."""
+
+
+class CalibrationError(FileError):
+    """A calibration file that cannot be used, or that belongs to another robot."""
 
 
 class MeshError(FileError):

@@ -1,6 +1,12 @@
 """Robot descriptions without kinematics: DH tables, URDF, xacro, MJCF, SRDF, and the catalogue of robots."""
 
 from pinproof.common import faces
+from pinproof.description.calibration import (
+    Calibration as Calibration,
+    calibration_format as calibration_format,
+    read_calibration as read_calibration,
+    with_origins as with_origins,
+)
 from pinproof.description.catalogue import (
     OVERLAP_REASON as OVERLAP_REASON,
     CatalogueEntry as CatalogueEntry,
@@ -23,9 +29,12 @@ from pinproof.description.cell import (
 from pinproof.description.dh import (
     CONVENTIONS as CONVENTIONS,
     DEFAULT_EFFORT as DEFAULT_EFFORT,
+    MAKES as MAKES,
     SUFFIXES as SUFFIXES,
     DhRow as DhRow,
     DhTable as DhTable,
+    Make as Make,
+    row_transform as row_transform,
 )
 from pinproof.description.dh_urdf import (
     GENERATED_BODIES as GENERATED_BODIES,

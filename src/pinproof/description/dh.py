@@ -21,6 +21,7 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -62,12 +63,34 @@ from pinproof.common.structs import (
     table_of,
     vector,
 )
-from pinproof.errors import DhTableError, InputError
+from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import Array, finite, matrix, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
 
 CONVENTIONS = ("standard", "modified")
 JOINT_TYPES = ("revolute", "prismatic", "continuous")
+
+
+@dataclass(frozen=True)
+class Make:
+    """The Denavit-Hartenberg table that a manufacturer publishes for its arms.
+
+    ``signs`` has for each row a text that fixes the direction of its x axis: ``+alpha`` or ``-alpha`` if the axes are
+    at a right angle and alpha has this sign, ``-a`` or ``+a`` if they are parallel and a has this sign, empty if x is
+    free. theta is 0 in all rows.
+    """
+
+    name: str
+    convention: str
+    signs: tuple[str, ...]
+
+
+MAKES = {
+    "ur": Make("Universal Robots", "standard", ("+alpha", "-a", "-a", "+alpha", "-alpha", "")),
+    "franka": Make("Franka", "modified", ("", "-alpha", "+alpha", "+alpha", "-alpha", "+alpha", "+alpha")),
+}
+"""Universal Robots, "DH parameters for calculations of kinematics and dynamics"; Franka Robotics, "Robot limits and
+interface specifications: Denavit-Hartenberg parameters"."""
 
 LARGEST = 1e6
 """Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
@@ -94,6 +117,9 @@ def _printable(pattern: str, more: str = "") -> Kind:
         return value
 
     return simple({"type": "string", "minLength": 1, "pattern": pattern}, check)
+
+
+NAME = _printable(r"^\S(.*\S)?$", " without leading or trailing spaces")
 
 
 def _limit(name: str, value: Any) -> float | None:
@@ -132,10 +158,7 @@ class DhRow:
         If a value is invalid; the message states the row and the column.
     """
 
-    name: str = key(
-        "name of the joint, unique in the table",
-        kind=_printable(r"^\S(.*\S)?$", " without leading or trailing spaces"),
-    )
+    name: str = key("name of the joint, unique in the table", kind=NAME)
     theta: float = key(
         "angle about z; for a revolute or continuous joint the offset added to q",
         "rad",
@@ -239,7 +262,7 @@ def _table_file(path: str | Path) -> Path:
     return path
 
 
-class _CsvRow(dict[str, str]):
+class CsvRow(dict[str, str]):
     """The cells of a line by column, without empty ones."""
 
     line = number = 0
@@ -249,38 +272,54 @@ class _CsvRow(dict[str, str]):
         return f"line {self.line}, row {self.number}" + (f", column {column}" if column else "")
 
 
-def _csv_content(path: Path) -> dict[str, Any]:
-    """The content of a CSV file as that of a YAML file."""
-    lines = read_text(path, DhTableError).splitlines()
+def csv_content(path: Path, names: tuple[str, ...], error: type[FileError], comments: Sequence[str]) -> dict[str, Any]:
+    """The content of a CSV file as that of a YAML file: the ``rows``, and the values of comments before the header.
+
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        The valid columns.
+    error
+        Type of the exception if the file is invalid; the message states line and row.
+    comments
+        The keys that comments may state, such as ``# convention: standard``.
+    """
+    lines = read_text(path, error).splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
-    # Spreadsheets append commas to every line, this one included.
-    conventions = re.findall(r"^\s*#\s*convention\s*:\s*([^\s,]+)[\s,]*$", "\n".join(lines[:first]), re.MULTILINE)
-    if len(set(conventions)) > 1:
-        raise DhTableError(path, f"states more than one convention: {', '.join(conventions)}")
-    names = table_of(DhRow).names
+    stated: dict[str, Any] = {}
+    for name in comments:
+        # Spreadsheets append commas to every line, these included.
+        pattern = rf"^\s*#\s*{name}\s*:\s*([^\s,]+)[\s,]*$"
+        values = re.findall(pattern, "\n".join(lines[:first]), re.MULTILINE)
+        if len(set(values)) > 1:
+            raise error(path, f"states more than one {name}: {', '.join(values)}")
+        if values:
+            stated[name] = values[0]
     try:
         reader = csv.reader(lines[first:])
         content = [(first + reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise DhTableError(path, f"is not valid CSV: {error}") from error
+    except csv.Error as caught:
+        raise error(path, f"is not valid CSV: {caught}") from caught
     if not content:
-        raise DhTableError(path, f"has no header; valid columns: {', '.join(names)}")
+        raise error(path, f"has no header; valid columns: {', '.join(names)}")
     header = [cell.strip() for cell in content[0][1]]
     if separator := other_separator(header):
-        raise DhTableError(path, separator, "header")
-    refuse_unknown(DhTableError, path, "column", header, names, "header")
+        raise error(path, separator, "header")
+    refuse_unknown(error, path, "column", header, names, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
-        raise DhTableError(path, f"duplicate column {twice[0]}", "header")
+        raise error(path, f"duplicate column {twice[0]}", "header")
     rows = []
     for count, (line, cells) in enumerate(content[1:], start=1):
-        row = _CsvRow({column: cell.strip() for column, cell in zip(header, cells, strict=False) if cell.strip()})
+        row = CsvRow({column: cell.strip() for column, cell in zip(header, cells, strict=False) if cell.strip()})
         row.line, row.number = line, count
         if len(cells) != len(header):
             more = "; use decimal points, not commas" if len(cells) > len(header) else ""
-            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", row.at())
+            raise error(path, f"has {len(cells)} cells; the header has {len(header)}{more}", row.at())
         rows.append(row)
-    return {"rows": rows, **({"convention": conventions[0]} if conventions else {})}
+    return {"rows": rows, **stated}
 
 
 def _refuse_other_units(rows: Sequence[DhRow], mappings: Sequence[Any]) -> None:
@@ -402,7 +441,11 @@ class DhTable(Shown):
         """
         path, table = _table_file(path), table_of(cls)
         in_csv = path.suffix.lower() == ".csv"
-        content = _csv_content(path) if in_csv else read_yaml(path, table.names, DhTableError)
+        content = (
+            csv_content(path, table_of(DhRow).names, DhTableError, ("convention",))
+            if in_csv
+            else read_yaml(path, table.names, DhTableError)
+        )
         with errors_of(path, DhTableError, keys=not in_csv):
             table.refuse_unknown(content)
             if "convention" not in content:

@@ -22,7 +22,11 @@ from pinproof.model.dynamics import (
     massless_joints as massless_joints,
 )
 from pinproof.model.foreign import coal_shape as coal_shape
-from pinproof.model.info import JointInfo as JointInfo, RobotInfo as RobotInfo
+from pinproof.model.info import (
+    CalibrationEffect as CalibrationEffect,
+    JointInfo as JointInfo,
+    RobotInfo as RobotInfo,
+)
 from pinproof.model.limits import (
     AT_LIMIT as AT_LIMIT,
     JointLimits as JointLimits,

@@ -34,7 +34,7 @@ import numpy as np
 
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import require_type
-from pinproof.description import CONVENTIONS, TCP, DhRow, DhTable, Srdf, read_urdf_text, urdf_of_table
+from pinproof.description import CONVENTIONS, MAKES, TCP, DhRow, DhTable, Make, Srdf, read_urdf_text, urdf_of_table
 from pinproof.errors import ConversionError, PinproofError, UnknownNameError
 from pinproof.model.chain import link_path
 from pinproof.model.robot import Arm, Robot
@@ -94,6 +94,9 @@ apart reach the limit at 5e-6 rad; calibrated arms (1e-3 to 1e-4 rad) are well b
 END_TILT = 1e-2
 """Radians. A row uses the z axis of the base or tool only if that axis is parallel to the adjacent joint axis or tilted
 by more than this. A smaller tilt becomes part of the base or tool transform, which represents it with small numbers."""
+RIGHT, SHORTEST = 0.9, 1e-3
+"""The sine of alpha above which two axes of an arm of a make are at a right angle, and the smallest length a (m) of
+parallel ones: far from both, because the arms of a make have exact right angles and links of 0.1 m."""
 TIE = 1e-9
 """Metres, or the cosine of an angle. Smaller values are treated as rounding errors of zero (right angle)."""
 
@@ -123,7 +126,9 @@ def frame_on(axis: DhAxis, like: Array) -> Array:
     return _frame(axis.point + ((like[:3, 3] - axis.point) @ z) * z, x, z)
 
 
-def frames_along(first: Array, axes: Sequence[DhAxis], end: Array, *, backwards: bool = False) -> list[Array]:
+def frames_along(
+    first: Array, axes: Sequence[DhAxis], end: Array, *, backwards: bool = False, make: Make | None = None
+) -> list[Array]:
     """One frame (4, 4) on each axis of a sequence; x_k (k > 0) is on the common normal of the axes k-1 and k.
 
     Parameters
@@ -138,6 +143,9 @@ def frames_along(first: Array, axes: Sequence[DhAxis], end: Array, *, backwards:
         The frame (4, 4) after the last joint.
     backwards
         Whether the axes are ordered from tool to base (modified convention); this changes the sign of a.
+    make
+        The manufacturer whose directions of x are used. ``first`` is then rotated about its axis so that theta is 0,
+        and from the tool also moved along it so that d is 0.
 
     ConversionError if two axes are too close to parallel (:data:`FARTHEST`); the message names them.
     """
@@ -146,7 +154,29 @@ def frames_along(first: Array, axes: Sequence[DhAxis], end: Array, *, backwards:
         last = k == len(axes) - 2
         x_if_free = end[:3, 0] if last else frames[-1][:3, 0]
         frames.append(_next(frames[-1], before, after, x_if_free, sense, at_own_point=k == 0 or last))
+        if make is not None:
+            sign = make.signs[len(axes) - 2 - k if backwards else k]
+            if _against(sign, frames[-2], frames[-1], before, after, sense):
+                frames[-1] = frames[-1] @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    if make is not None:
+        z, place = axes[0].direction, frames[0][:3, 3]
+        along = (frames[1][:3, 3] - place) @ z if backwards else 0.0
+        frames[0] = _frame(place + along * z, frames[1][:3, 0], z)
     return frames
+
+
+def _against(sign: str, frame: Array, next_frame: Array, before: DhAxis, after: DhAxis, sense: float) -> bool:
+    """Whether the x axis of the next frame has the opposite direction of that of a make."""
+    if not sign:
+        return False
+    x = next_frame[:3, 0]
+    sine = sense * float(np.cross(before.direction, after.direction) @ x)
+    length = sense * float((next_frame[:3, 3] - frame[:3, 3]) @ x)
+    if (abs(sine) > RIGHT) if sign.endswith("alpha") else (abs(sine) < END_TILT and abs(length) > SHORTEST):
+        return bool((sine if sign.endswith("alpha") else length) * (-1.0 if sign.startswith("-") else 1.0) < 0.0)
+    how = "at a right angle" if sign.endswith("alpha") else "parallel and apart"
+    first, second = (before.name, after.name) if sense > 0 else (after.name, before.name)
+    raise ConversionError(f"the axes of {first} and {second} are not {how}, as those of the make are")
 
 
 def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, float, float, float]:
@@ -221,13 +251,12 @@ def _angle(start: Array, end: Array, about: Array) -> float:
 
 
 PLAIN_ANGLE = math.pi / 12
-PLAIN_ANGLE_NOISE = 1e-14
-"""Radians. An angle this close to a multiple of 15 degrees is rounded to it, which removes rounding errors."""
-PLAIN_LENGTH_NOISE = 1e-14
-"""Metres. A length this close to its value with 12 decimals is rounded to it, for example 0.1 + 0.2 to 0.3."""
+PLAIN_NOISE = 1e-14
+"""Radians or metres. An angle this close to a multiple of 15 degrees is rounded to it, and a length this close to its
+value with 12 decimals, for example 0.1 + 0.2 to 0.3. The table of a make is exact, so PARALLEL applies to it."""
 
 
-def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = None) -> DhTable:
+def urdf_to_dh(arm: Arm, *, convention: str = "standard", like: str | None = None, name: str | None = None) -> DhTable:
     """Convert an arm to a DH table and verify that both have the same forward kinematics.
 
     Parameters
@@ -237,6 +266,9 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
         The base of the table is the base link of the arm, its tool is the tcp.
     convention
         ``"standard"`` or ``"modified"``.
+    like
+        ``"ur"`` or ``"franka"``: the table has the convention, the directions of x and the zeros of theta that
+        Universal Robots or Franka publish. By default they follow the rules of :mod:`pinproof.model.dh_tables`.
     name
         Name of the table; default: the name of the robot.
 
@@ -253,13 +285,22 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     ------
     ConversionError
         If the chain contains a mimic joint, if two neighbouring axes are nearly parallel (the message names them), or
-        if the forward kinematics differ by more than 1e-9 m or 1e-9 rad.
+        if the forward kinematics differ by more than 1e-9 m or 1e-9 rad; with ``like``, if the axes are not those of
+        an arm of the make.
     InputError
-        For an unknown convention (:class:`~pinproof.errors.UnknownNameError`) or an invalid limit.
+        For an unknown convention or make (:class:`~pinproof.errors.UnknownNameError`) or an invalid limit.
     """
     require_type("arm", arm, Arm)
     if convention not in CONVENTIONS:
         raise UnknownNameError("DH convention", convention, CONVENTIONS)
+    make, noise = None, PLAIN_NOISE
+    if like is not None:
+        if like not in MAKES:
+            raise UnknownNameError("make", like, MAKES)
+        make, noise = MAKES[like], PARALLEL
+        convention = make.convention
+        if arm.dof != len(make.signs):
+            raise ConversionError(f"an arm of {make.name} has {len(make.signs)} joints, and {arm} has {arm.dof}")
     # rows are independent joints
     path = [joint for joint in link_path(arm.robot.urdf, arm.base, arm.tcp) if joint.type != "fixed"]
     for joint in path:
@@ -280,25 +321,28 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
     tool = np.array(arm.forward_kinematics(np.zeros(arm.dof)).homogeneous)
     if convention == "standard":
         last = DhAxis("the tool", tool[:3, 3], tool[:3, 2], is_joint=False)
-        frames = frames_along(frame_on(axes[0], base), [*axes, last], tool)
+        frames = frames_along(frame_on(axes[0], base), [*axes, last], tool, make=make)
     else:
         last = DhAxis("the base", base[:3, 3], base[:3, 2], is_joint=False)
-        frames = frames_along(frame_on(axes[-1], tool), [*reversed(axes), last], base, backwards=True)[::-1]
+        frames = frames_along(frame_on(axes[-1], tool), [*reversed(axes), last], base, backwards=True, make=make)[::-1]
     # the rows between the frames, with the numbers as a person would write them
     numbers = (row_numbers(*pair, convention) for pair in pairwise(frames))
     table = DhTable(
-        tuple(_row(arm, i, joint.type, *row) for i, (joint, row) in enumerate(zip(path, numbers, strict=True))),
+        tuple(_row(arm, i, joint.type, *row, noise) for i, (joint, row) in enumerate(zip(path, numbers, strict=True))),
         convention=convention,
         name=arm.robot.name if name is None else name,
-        base=_plain_transform(frames[0]),
-        tool=_plain_transform(inverse_matrix(frames[-1]) @ tool),
+        base=_plain_transform(frames[0], noise),
+        tool=_plain_transform(inverse_matrix(frames[-1]) @ tool, noise),
     )
+    if make is not None and (odd := [row for row in table.rows if abs(row.theta) > END_TILT]):
+        what = f"theta of joint {odd[0].name!r} is {odd[0].theta:.3g} rad at q = 0"
+        raise ConversionError(f"{what}; it is 0 for the arms of {make.name}, whose tables have another zero")
     # the table is an answer only if it is the arm
     prove_table_equals_arm(table, arm)
     return table
 
 
-def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:
+def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float, noise: float) -> DhRow:
     lower, upper, velocity = (float(x[i]) for x in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
     effort = math.nan if arm.limits.torque is None else float(arm.limits.torque[i])
     limited = math.isfinite(lower) and math.isfinite(upper)
@@ -310,31 +354,32 @@ def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, al
             "state them in the URDF, or in a file of joint limits (--limits, in Python limits=)"
         )
     return DhRow(
-        arm.joint_names[i], _plain_angle(theta), _plain_length(d), _plain_length(a), _plain_angle(alpha), joint_type,
+        arm.joint_names[i], _plain_angle(theta, noise), _plain_length(d, noise), _plain_length(a, noise),
+        _plain_angle(alpha, noise), joint_type,
         **({"lower": lower, "upper": upper} if limited else {}),
         **({"velocity": velocity} if math.isfinite(velocity) else {}),
         **({"effort": effort} if math.isfinite(effort) else {}),
     )  # fmt: skip
 
 
-def _plain_angle(angle: float) -> float:
+def _plain_angle(angle: float, noise: float) -> float:
     plain = round(angle / PLAIN_ANGLE) * PLAIN_ANGLE
-    if abs(angle - plain) > PLAIN_ANGLE_NOISE:
+    if abs(angle - plain) > noise:
         return angle
     return abs(plain) if abs(plain) == math.pi else plain + 0.0  # pi instead of -pi, 0.0 instead of -0.0
 
 
-def _plain_length(length: float) -> float:
-    plain = round(length, 12)
-    return plain + 0.0 if abs(length - plain) <= PLAIN_LENGTH_NOISE else length
+def _plain_length(length: float, noise: float) -> float:
+    plain = round(length, 12 if noise == PLAIN_NOISE else 9)
+    return plain + 0.0 if abs(length - plain) <= noise else length
 
 
-def _plain_transform(transform: Array) -> Array:
+def _plain_transform(transform: Array, noise: float) -> Array:
     """Remove rounding errors from a transform (4, 4): entries close to a round number are rounded to it."""
     plain: Array = transform.copy()
     near = np.round(plain[:3, :3])
-    plain[:3, :3] = np.where(np.abs(plain[:3, :3] - near) <= PLAIN_LENGTH_NOISE, near, plain[:3, :3]) + 0.0
-    plain[:3, 3] = [_plain_length(float(length)) for length in plain[:3, 3]]
+    plain[:3, :3] = np.where(np.abs(plain[:3, :3] - near) <= noise, near, plain[:3, :3]) + 0.0
+    plain[:3, 3] = [_plain_length(float(length), noise) for length in plain[:3, 3]]
     return plain
 
 

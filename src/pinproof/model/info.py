@@ -123,6 +123,26 @@ class JointInfo:
         return self.name, self.type, f"{low} .. {high}", *others, role
 
 
+EFFECT_SAMPLES = 2000
+"""Number of configurations at which a calibrated arm is compared with the nominal one."""
+
+
+@described()
+class CalibrationEffect:
+    """What a calibration changes at the tcp, at random configurations within the limits."""
+
+    mean_shift: float = key("mean distance of the calibrated tcp from the nominal one", "m")
+    largest_shift: float = key("largest distance", "m")
+    mean_rotation: float = key("mean angle between both orientations", "rad")
+    largest_rotation: float = key("largest angle", "rad")
+    configurations: int = key("number of configurations")
+
+    def __str__(self) -> str:
+        shifts, angles = (self.mean_shift, self.largest_shift), (self.mean_rotation, self.largest_rotation)
+        mean, most = (f"{1e3 * s:.3g} mm and {1e3 * a:.3g} mrad" for s, a in zip(shifts, angles, strict=True))
+        return f"moves the tcp by {mean} on average and at most {most} ({self.configurations} random configurations)"
+
+
 @described()
 class RobotInfo(Shown):
     """Properties of a robot and of one of its arms; made by :meth:`pinproof.Robot.info`."""
@@ -148,6 +168,9 @@ class RobotInfo(Shown):
     missing: tuple[str, ...] = key(
         "sentences about missing or inconsistent data: no SRDF, no limits, meshes not found, unknown names"
     )
+    calibration: CalibrationEffect | None = key(
+        "what the calibration changes; None for a robot without one", default=None
+    )
 
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists that JSON can represent, without NaN and infinity."""
@@ -169,6 +192,7 @@ class RobotInfo(Shown):
         lines = [
             f"{self.name}: {self.dof} joints from {self.base} to {self.tcp}; {self.kinematic_class}",
             f"file: {self.source}" if self.source else "loaded from text",
+            *(() if self.calibration is None else (f"calibration: {self.calibration}",)),
             *Rows(columns, [joint.row() for joint in self.joints if joint.role != "fixed"]).text(),
             f"frames: {', '.join(self.frames)}",
             f"collision geometry: {geometry}",

@@ -25,15 +25,18 @@ from pinproof.description import (
     DisabledPair,
     Srdf,
     Urdf,
+    calibration_format,
     cell_srdf,
     cell_urdf,
     find_robot,
+    read_calibration,
     read_description,
     read_srdf,
     read_urdf_text,
 )
 from pinproof.description import SUFFIXES as TABLE_SUFFIXES
-from pinproof.errors import FileError, InputError, UrdfError
+from pinproof.errors import CalibrationError, FileError, InputError, UrdfError
+from pinproof.model.calibration import calibrated
 from pinproof.model.chain import find_chain, held_values
 from pinproof.model.dh_tables import dh_to_urdf
 from pinproof.model.foreign import description_files, named_description, urdf_of_model, urdf_of_yourdfpy
@@ -60,6 +63,7 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
     geometry_model: Any = None,
+    calibration: str | Path | None = None,
 ) -> Robot:
     """Load a robot by name, from a file, a text or a table, or from an object of another library.
 
@@ -83,19 +87,35 @@ def load_robot(
     geometry_model
         The collision geometry of a ``pinocchio.Model``, a ``pinocchio.GeometryModel``. All its objects are checked,
         also those that it disables. Meshes that differ from their files, or have none, are written to the cache.
+    calibration
+        A file with the measured kinematics of this one arm: the ``calibration.conf`` of a Universal Robots controller,
+        the ``kinematics`` of their ROS driver (YAML), or differences of a DH table (CSV);
+        :mod:`pinproof.description.calibration` describes them. Only the origins of joints change.
 
     Raises
     ------
     UnknownNameError
         If the name is not in the catalogue, or the xacro file does not declare an argument of that name.
-    UrdfError, DhTableError
-        If the file is invalid; the message states the line.
+    UrdfError, DhTableError, CalibrationError
+        If the file is invalid; the message states the line. The calibration must fit the robot.
     FileError
         If one of ``package_dirs`` is not a folder.
     InputError
         If the source is of another type, an extra or a package that it needs is not installed, a joint or a geometry of
         a model is not supported, or ``xacro_args`` or ``geometry_model`` is given for another source.
     """
+    if calibration is not None:
+        measured = read_calibration(calibration)
+        own = load_robot(
+            source, srdf=srdf, package_dirs=package_dirs, xacro_args=xacro_args, geometry_model=geometry_model
+        )
+        return calibrated(own, measured)
+    if isinstance(source, (str, PathLike)) and not _is_text(source) and (what := calibration_format(source)):
+        raise CalibrationError(
+            source,
+            f"is {what}, which needs the robot too: load_robot('ur5e', calibration={str(source)!r}), or on the "
+            f"command line: ur5e --calibration {source}",
+        )
     if geometry_model is not None and not (
         isinstance(source, pin.Model) and hasattr(geometry_model, "geometryObjects")
     ):

@@ -47,7 +47,15 @@ from pinproof.model.chain import (
     reduced_model,
 )
 from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics, mass_matrix
-from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
+from pinproof.model.info import (
+    EFFECT_SAMPLES,
+    SAMPLES,
+    CalibrationEffect,
+    JointInfo,
+    RobotInfo,
+    Role,
+    describe_axes,
+)
 from pinproof.model.limits import JointLimits
 from pinproof.spatial import Array, finite, frozen
 
@@ -616,6 +624,8 @@ class Robot(Identified):
         "the links that carry moving obstacles by the name of the mover; see :class:`pinproof.Mover`",
         default_factory=dict,
     )
+    nominal: Robot | None = key("the robot before its calibration; None for a robot without one", default=None)
+    remarks: tuple[str, ...] = key("sentences on how it was loaded, which are among the :attr:`notes`", default=())
     _model: Any = field(init=False, repr=False, compare=False)
 
     def __hash__(self) -> int:
@@ -701,8 +711,8 @@ class Robot(Identified):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about inconsistencies of the description: meshes not found, unknown names in the SRDF."""
-        return notes(self.urdf, self.srdf)
+        """Sentences about the description: its calibration, meshes not found, unknown names in the SRDF."""
+        return (*self.remarks, *notes(self.urdf, self.srdf))
 
     @property
     def name(self) -> str:
@@ -749,6 +759,7 @@ class Robot(Identified):
             home=dict(zip(arm.joint_names, map(float, arm.home), strict=True)),
             acceleration_source=arm.limits.acceleration_source,
             missing=_missing(self, arm),
+            calibration=None if self.nominal is None else _calibration_effect(self.nominal, arm),
         )
 
     def arm(
@@ -966,6 +977,18 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
     if not robot.home:
         notes.append("no home: the middle of the limits is used")
     return (*notes, *robot.notes)
+
+
+def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect:
+    """What a calibration changes at the tcp of an arm; ``robot`` is the one before it."""
+    nominal = robot.arm(arm.tcp, base=arm.base, held=arm.held)
+    q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), size=(EFFECT_SAMPLES, arm.dof))
+    before, after = nominal.forward_kinematics_batch(q), arm.forward_kinematics_batch(q)
+    shifts = np.linalg.norm(after[:, :3, 3] - before[:, :3, 3], axis=1)
+    # |R1 - R2| = 2 sqrt(2) sin(angle / 2)
+    sines = np.linalg.norm(after[:, :3, :3] - before[:, :3, :3], axis=(1, 2)) / math.sqrt(8.0)
+    angles = 2.0 * np.arcsin(np.minimum(sines, 1.0))
+    return CalibrationEffect(*(float(x) for x in (shifts.mean(), shifts.max(), angles.mean(), angles.max())), len(q))
 
 
 def _known(value: float) -> float | None:

@@ -235,6 +235,7 @@ OTHER_PICKS = {
     "srdf": "arm.srdf",
     "package_dirs": ["."],
     "xacro_args": {"length": 0.5, "name": "arm", "long": True},
+    "calibration": "calibration.conf",
     "limits": "joint_limits.yaml",
     "held": {"finger": 0.04},
     "payload": [{"mass": 1}, {"mass": 2, "inertia": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]}],
@@ -258,7 +259,7 @@ OTHER_PICKS = {
     ],
 }
 OTHER_PICKS["picks"][0]["object"].pop("rpy")
-ROBOT_KEYS = ("robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp")
+ROBOT_KEYS = ("robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp")
 HAND = {
     key: EVERYTHING["picks"][key] for key in ("tip", "tool", "fingers", "gripper", "held", "payload", "grip_limits")
 }

@@ -54,6 +54,7 @@ def new_cell(
             srdf=files.srdf,
             package_dirs=files.package_dir or (),
             xacro_args=files.xacro_args,
+            calibration=files.calibration,
             rng=seed,
         )
     names = ", ".join(sorted(path.name for path in output.iterdir()))

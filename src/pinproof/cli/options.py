@@ -154,6 +154,11 @@ class RobotFileOptions:
     xacro_arg: list[str] | None = option(
         "A value for an argument of a xacro file; can be given several times.", None, metavar="NAME=VALUE"
     )  # fmt: skip
+    calibration: Path | None = option(
+        "The calibration of this one arm: calibration.conf or kinematics (YAML) of Universal Robots, or differences of "
+        "a DH table (CSV).",
+        None,
+    )
 
     @property
     def xacro_args(self) -> dict[str, str]:
@@ -173,7 +178,13 @@ class RobotFileOptions:
 
     def load(self, robot: str) -> pp.Robot:
         """Load a robot by catalogue name or file."""
-        return pp.load_robot(robot, srdf=self.srdf, package_dirs=self.package_dir or (), xacro_args=self.xacro_args)
+        return pp.load_robot(
+            robot,
+            srdf=self.srdf,
+            package_dirs=self.package_dir or (),
+            xacro_args=self.xacro_args,
+            calibration=self.calibration,
+        )
 
 
 @dataclass(frozen=True)
@@ -198,7 +209,7 @@ class ChainOptions(RobotFileOptions):
     @property
     def files(self) -> tuple[Path | None, ...]:
         """The input files."""
-        return self.srdf, self.limits
+        return self.srdf, self.limits, self.calibration
 
     def arm(self, robot: str) -> pp.Arm:
         """Load the arm of a robot by catalogue name or file."""

@@ -51,8 +51,8 @@ class CellOptions(RobotFileOptions):
     PANEL: ClassVar = "Robot and scene"
 
     robot: str | None = option(
-        "A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args and "
-        "limits of the picks file.",
+        "A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args, "
+        "calibration and limits of the picks file.",
         None,
         metavar="ROBOT",
     )
@@ -66,7 +66,7 @@ class CellOptions(RobotFileOptions):
     @property
     def files(self) -> tuple[str | Path | None, ...]:
         """The input files."""
-        return self.robot, self.srdf, self.limits, self.scene
+        return self.robot, self.srdf, self.calibration, self.limits, self.scene
 
     def open(self, file: Path) -> tuple[pp.Arm, pp.Scene, PickSource]:
         """The arm, the scene and the picks of a picks file."""
@@ -78,13 +78,15 @@ class CellOptions(RobotFileOptions):
         # Options of the command replace keys of the file, whose lines errors then no longer name.
         shared = source.shared
         if self.robot is not None:
-            shared = replace(shared, robot=self.robot, srdf=None, package_dirs=(), xacro_args={}, limits=None)
+            none: dict[str, Any] = {"srdf": None, "calibration": None, "limits": None}
+            shared = replace(shared, robot=self.robot, package_dirs=(), xacro_args={}, **none)
         stated_here = {"robot": self.robot, "tcp": self.tcp, **{f"xacro_args.{name}": name for name in self.xacro_args}}
         arm = replace(
             shared,
             srdf=self.srdf or shared.srdf,
             package_dirs=tuple(self.package_dir or shared.package_dirs),
             xacro_args={**shared.xacro_args, **self.xacro_args},
+            calibration=self.calibration or shared.calibration,
             limits=self.limits or shared.limits,
             tcp=self.tcp or shared.tcp,
             places={key: place for key, place in shared.places.items() if not stated_here.get(key)},

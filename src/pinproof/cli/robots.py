@@ -116,15 +116,19 @@ def dh2urdf(
     check_output_files([output], [table])
     rows = pp.DhTable.load(table)
     pp.write_urdf(rows, output)
-    data = {"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
+    data = {"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names), "notes": rows.notes}
     line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} joints; all frames agree with the table"
-    print_result(data, [line], as_json=as_json)
+    print_result(data, [line, *rows.notes], as_json=as_json)
 
 
 def urdf2dh(
     robot: Robot,
     output: Path = option("The DH table to write (.yaml, .csv).", MISSING, "-o", "--output"),
     convention: Literal["standard", "modified"] = option("Convention of the table.", "standard"),
+    like: Literal["ur", "franka"] | None = option(
+        "The manufacturer (Universal Robots, Franka) whose published table is written, with its convention and signs.",
+        None,
+    ),
     *,
     chain: ChainOptions,
     as_json: Json = False,
@@ -137,11 +141,11 @@ def urdf2dh(
     """
     check_output_files([output], [robot, *chain.files])
     arm = chain.arm(robot)
-    rows = pp.urdf_to_dh(arm, convention=convention)
+    rows = pp.urdf_to_dh(arm, convention=convention, like=like)
     rows.save(output)
-    data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)}
-    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({convention} convention)"
-    print_result(data, [line], as_json=as_json)
+    data = {"table": str(output), "robot": rows.name, "joints": list(rows.joint_names), "notes": rows.notes}
+    line = f"wrote {output}: {rows.name}, {len(rows.joint_names)} rows ({rows.convention} convention)"
+    print_result(data, [line, *rows.notes], as_json=as_json)
 
 
 def schema(

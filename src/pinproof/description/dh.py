@@ -95,6 +95,10 @@ interface specifications: Denavit-Hartenberg parameters"."""
 LARGEST = 1e6
 """Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
 
+NEARLY_PARALLEL = 0.05
+"""Rad. Axes closer to parallel than this, but not parallel, have a far common normal; calibrated axes of Universal
+Robots are up to 0.015 rad from parallel."""
+
 DEFAULT_REVOLUTE_LIMIT = math.pi
 """Rad. Default limits of a revolute row are -pi and pi: one full rotation."""
 DEFAULT_REVOLUTE_VELOCITY = math.pi
@@ -517,6 +521,26 @@ class DhTable(Shown):
     def effort(self) -> Array:
         """(n,) effort limits, N m or N."""
         return np.array([row.effort for row in self.rows])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on nearly parallel axes, whose common normal is farther away than the arm is long."""
+        lines = []
+        for i, row in enumerate(self.rows):
+            # alpha is the angle between the axes of a joint and the next; the last standard row ends at the tool
+            first = i if self.convention == "standard" else i - 1
+            if not 0 <= first < len(self.rows) - 1:
+                continue
+            before, after = self.rows[first], self.rows[first + 1]
+            angle = abs(math.asin(math.sin(row.alpha)))
+            length = max(1.0, sum(abs(each.a) for each in self.rows))
+            if 0.0 < angle < NEARLY_PARALLEL and max(abs(before.d), abs(after.d)) > length:
+                lines.append(
+                    f"the axes of {before.name!r} and {after.name!r} are nearly parallel ({1e3 * angle:.3g} mrad), so "
+                    f"d ({before.d:.6g} m and {after.d:.6g} m) is the distance to their far common normal and no "
+                    "length of the arm; for links in their places, load the robot by name with its calibration"
+                )
+        return tuple(lines)
 
     def frames(self, q: npt.ArrayLike) -> Array:
         """Compute the poses of the frames dh_0 ... dh_n.

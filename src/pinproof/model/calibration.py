@@ -74,13 +74,13 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
     axis_from_link, true = np.eye(4), list[Array]()
     for i, turned in enumerate(z_from):
         to_axis = inverse_matrix(axis_from_link) @ chain[i]
-        slide = (nominal[i][:3, 3] - to_axis[:3, 3]) @ to_axis[:3, 2]
+        slide = float((nominal[i][:3, 3] - to_axis[:3, 3]) @ to_axis[:3, 2])
         expected = _about_z(0.0, slide) @ turned @ nominal[i + 1]
         if i < len(joints) - 1:
             yaw = _yaw(chain[i + 1], expected)
         else:  # the flange
             rest = chain[i + 1] @ inverse_matrix(expected)
-            yaw, slide = math.atan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1]), slide + rest[2, 3]
+            yaw, slide = math.atan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1]), slide + float(rest[2, 3])
         axis_from_link = _about_z(yaw, slide) @ turned
         true.append(to_axis @ _about_z(yaw, slide))
     flange = inverse_matrix(axis_from_link) @ chain[-1] @ inverse_matrix(nominal[-1])

@@ -336,7 +336,9 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", like: str | None = Non
     )
     if make is not None and (odd := [row for row in table.rows if abs(row.theta) > END_TILT]):
         what = f"theta of joint {odd[0].name!r} is {odd[0].theta:.3g} rad at q = 0"
-        raise ConversionError(f"{what}; it is 0 for the arms of {make.name}, whose tables have another zero")
+        raise ConversionError(
+            f"{what}; it is 0 in the table of {make.name}, which describes the nominal arm with the zero of the make"
+        )
     # the table is an answer only if it is the arm
     prove_table_equals_arm(table, arm)
     return table

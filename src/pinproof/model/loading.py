@@ -110,10 +110,10 @@ def load_robot(
             source, srdf=srdf, package_dirs=package_dirs, xacro_args=xacro_args, geometry_model=geometry_model
         )
         return calibrated(own, measured)
-    if isinstance(source, (str, PathLike)) and not _is_text(source) and (what := calibration_format(source)):
+    if isinstance(source, (str, PathLike)) and not _is_text(source) and (found := calibration_format(Path(source))):
         raise CalibrationError(
-            source,
-            f"is {what}, which needs the robot too: load_robot('ur5e', calibration={str(source)!r}), or on the "
+            Path(source),
+            f"is {found}, which needs the robot too: load_robot('ur5e', calibration={str(source)!r}), or on the "
             f"command line: ur5e --calibration {source}",
         )
     if geometry_model is not None and not (
@@ -143,7 +143,8 @@ def load_robot(
     if not isinstance(source, (str, PathLike)) or _is_text(source) or Path(source).suffix.lower() in TABLE_SUFFIXES:
         if xacro_args:
             raise InputError(f"xacro_args are valid for .xacro files only, not for {shortened(repr(source), 80)}")
-        return Robot(_urdf_of(source, folders, geometry_model), Srdf() if srdf is None else read_srdf(srdf))
+        urdf, remarks = _urdf_of(source, folders, geometry_model)
+        return Robot(urdf, Srdf() if srdf is None else read_srdf(srdf), remarks=remarks)
     path = Path(source)
     if path.suffix not in ROBOT_SUFFIXES:
         what = "is a folder" if path.is_dir() else "is not a robot description"
@@ -170,21 +171,21 @@ def _is_text(source: Any) -> bool:
     return isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<")
 
 
-def _urdf_of(source: Any, folders: list[Path], geometry_model: Any) -> Urdf:
-    """The description in a text, an object of another library, or a DH table."""
+def _urdf_of(source: Any, folders: list[Path], geometry_model: Any) -> tuple[Urdf, tuple[str, ...]]:
+    """The description in a text, an object of another library, or a DH table, and remarks on it."""
     if _is_text(source):
-        return read_urdf_text(source.lstrip("\ufeff"), name="URDF text", package_dirs=folders)
+        return read_urdf_text(source.lstrip("\ufeff"), name="URDF text", package_dirs=folders), ()
     if isinstance(source, pin.Model):
-        return urdf_of_model(source, geometry_model)
+        return urdf_of_model(source, geometry_model), ()
     if hasattr(source, "write_xml") and hasattr(source, "robot"):
-        return urdf_of_yourdfpy(source, folders)
+        return urdf_of_yourdfpy(source, folders), ()
     if not isinstance(source, (str, PathLike, DhTable)):
         wrapped = hasattr(source, "collision_model")  # a pinocchio.RobotWrapper
         hint = "; write load_robot(x.model, geometry_model=x.collision_model)" if wrapped else ""
         raise InputError(f"source must be {SOURCES}, not {type(source).__name__}{hint}")
     table = source if isinstance(source, DhTable) else DhTable.load(Path(source))
     path = None if isinstance(source, DhTable) else Path(source)
-    return replace(read_urdf_text(dh_to_urdf(table), name=f"URDF of {table.name}"), path=path)
+    return replace(read_urdf_text(dh_to_urdf(table), name=f"URDF of {table.name}"), path=path), table.notes
 
 
 # -- cells ------------------------------------------------------------------------------------------------------------
@@ -248,6 +249,7 @@ def assemble(arms: Mapping[str, tuple[JointGroup, pin.SE3 | npt.ArrayLike]], *, 
         cell_srdf({prefix: robot.srdf for prefix, robot in robots.items()}),
         home={prefix + joint: value for prefix, robot in robots.items() for joint, value in robot.home.items()},
         parts={robot_name: group.robot for robot_name, (group, _) in placed.items()},
+        remarks=tuple(f"robot {name[:-1]}: {remark}" for name, robot in robots.items() for remark in robot.remarks),
     )
     # the arms, the limits and the held joints are those of the robots
     ends = {

@@ -988,7 +988,13 @@ def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect:
     # |R1 - R2| = 2 sqrt(2) sin(angle / 2)
     sines = np.linalg.norm(after[:, :3, :3] - before[:, :3, :3], axis=(1, 2)) / math.sqrt(8.0)
     angles = 2.0 * np.arcsin(np.minimum(sines, 1.0))
-    return CalibrationEffect(*(float(x) for x in (shifts.mean(), shifts.max(), angles.mean(), angles.max())), len(q))
+    return CalibrationEffect(
+        mean_shift=float(shifts.mean()),
+        largest_shift=float(shifts.max()),
+        mean_rotation=float(angles.mean()),
+        largest_rotation=float(angles.max()),
+        configurations=len(q),
+    )
 
 
 def _known(value: float) -> float | None:

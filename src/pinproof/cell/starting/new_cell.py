@@ -137,6 +137,7 @@ def new_cell(
     srdf: str | Path | None = None,
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
+    calibration: str | Path | None = None,
     rng: int = 0,
 ) -> NewCell:
     """Write the scene and the picks of a cell in which a robot moves parts onto a tray.
@@ -165,7 +166,7 @@ def new_cell(
         bins larger than 3 m, otherwise metres.
     density
         Density of the parts in kg/m^3.
-    srdf, package_dirs, xacro_args
+    srdf, package_dirs, xacro_args, calibration
         As for :func:`pinproof.load_robot`.
     rng
         Seed of the rotations in which the parts lie.
@@ -197,7 +198,10 @@ def new_cell(
         # The robot with the tool of a file, or with its own hand
         is_name, own = not Path(robot).suffix and "/" not in robot, Tool() if tool is None else Tool.load(tool)
         folders, arguments = tuple(map(Path, package_dirs)), dict(xacro_args or {})
-        stated = {"robot": robot, "srdf": srdf, "package_dirs": folders, "xacro_args": arguments, "tcp": tcp or own.tcp}
+        stated = {
+            "robot": robot, "srdf": srdf, "package_dirs": folders, "xacro_args": arguments,
+            "calibration": calibration, "tcp": tcp or own.tcp,
+        }  # fmt: skip
         arm = replace(own, **stated).load_arm()  # type: ignore[arg-type]
         if not arm.robot.urdf.collisions:
             what = f"robot {arm.robot.name!r} has no collision geometry, so nothing can be proven of its motions"
@@ -214,6 +218,7 @@ def new_cell(
             "srdf": srdf and relative(srdf),
             "package_dirs": [relative(each) for each in folders],
             "xacro_args": arguments,
+            "calibration": calibration and relative(calibration),
             "tcp": arm.tcp,
         }
         head = "".join(f"{key}: {_flow(value)}\n" for key, value in files.items() if value)

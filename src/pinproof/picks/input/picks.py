@@ -132,9 +132,9 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     repr=False,
     rules=[ONE_HOLDER],
     first=(
-        "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "margins", "home",
-        "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools", "tool_change", "parts",
-        "torque_limits", "conveyor", "optimise", "straight", "robots", "frames",
+        "robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp", "held", "scene", "margin",
+        "margins", "home", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools",
+        "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "robots", "frames",
     ),
 )  # fmt: skip
 class Picks(RobotAndHand, Shown):

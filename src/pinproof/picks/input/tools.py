@@ -246,6 +246,11 @@ class RobotAndHand(Hand):
         default_factory=dict,
         kind=st.mapping_to(st.simple({"type": ["string", "number", "boolean"]}, _argument), "argument names to values"),
     )
+    calibration: Path | None = st.key(
+        "a file with the measured kinematics of this one arm: [calibrated arms](../calibration.md)",
+        default=None,
+        kind=st.file_of(),
+    )
     limits: Path | None = st.key("a file of [joint limits](limits.md)", default=None, kind=st.file_of())
     tcp: str | None = st.key("the tcp frame of the arm; by default that of the robot", default=None)
     source: Path | None = st.key("the file they were read from", default=None, hidden=True)
@@ -271,7 +276,11 @@ class RobotAndHand(Hand):
         try:
             # A name that does not exist is reported at its key
             robot = load_robot(
-                self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
+                self.robot,
+                srdf=self.srdf,
+                package_dirs=self.package_dirs,
+                xacro_args=self.xacro_args or None,
+                calibration=self.calibration,
             )
             limits = None if self.limits is None else JointLimits.load(self.limits)
             return robot.arm(self.tcp, limits=limits, held=self.held)

@@ -20,6 +20,7 @@ PAGES = sorted(
     str(page.relative_to(DOCS))
     for page in (
         DOCS / "index.md",
+        DOCS / "calibration.md",
         DOCS / "dynamics.md",
         DOCS / "holding.md",
         DOCS / "libraries.md",

@@ -6,8 +6,8 @@ Three formats are read; lengths are in metres, angles in radians.
     The section ``[mounting]`` of the file on the controller: ``delta_theta``, ``delta_d``, ``delta_a`` and
     ``delta_alpha``, one number for each joint, which are added to the manufacturer's nominal table (standard
     convention). The axes of the joints 2, 3 and 4 are nearly parallel, so their common normals can be hundreds of
-    metres away, and the deltas of d as large. The checksums of the file depend on the memory of the joints and cannot
-    be verified.
+    metres away, and the deltas of d as large. How the checksums of the file are computed
+    is not published, so they are not verified.
 
 ``kinematics`` of their ROS driver (YAML)
     The origins of the six joints that its package ``ur_calibration`` computes from such a table:

@@ -314,7 +314,7 @@ for tree in (EVERYTHING["picks"], OTHER_PICKS, MIXED_PICKS):
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("formats")
     samples.write_parts(folder)
-    for name in ("arm.srdf", "joint_limits.yaml"):
+    for name in ("arm.srdf", "joint_limits.yaml", "calibration.conf"):
         (folder / name).touch()
     (folder / "tool.yaml").write_text("tip: {xyz: [0, 0, 0.1]}")
     return folder

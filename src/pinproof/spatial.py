@@ -28,7 +28,6 @@ __all__ = [
     "interpolate",
     "inverse_matrix",
     "log6",
-    "log6_jacobian",
     "matrix",
     "pose",
     "rigid",
@@ -148,11 +147,6 @@ def xyz_rpy(transform: pin.SE3 | npt.ArrayLike) -> Array:
 def log6(a_from_b: pin.SE3) -> Array:
     """Return the twist (6,) that moves frame a to frame b in unit time, in a: linear (m), then angular (rad)."""
     return np.array(pin.log6(a_from_b).vector)
-
-
-def log6_jacobian(a_from_b: pin.SE3) -> Array:
-    """Return the (6, 6) derivative of :func:`log6` with respect to a motion of b, in b (right Jacobian of SE(3))."""
-    return np.array(pin.Jlog6(a_from_b))
 
 
 def inverse_matrix(a_from_b: Array) -> Array:

@@ -248,7 +248,7 @@ def test_an_object_of_another_size_or_frame_than_its_part_type_is_refused(cell) 
 
 
 def test_a_program_is_certified_again_with_the_hand_of_its_grasp(cell) -> None:
-    # Two grasps at one pose, of which one opens the hand wider; posts beside the block leave room for the narrow one
+    # Two grasps at one pose, of which one opens the hand wider; posts beside the block leave space for the narrow one
     arm, scene, picks = cell
     part, block = picks.parts["block"], named(picks, "block_1")
     wide, narrow = (

@@ -1,4 +1,4 @@
-"""Arms that hold one part together: the motion, its proven deviation, and the reasons where there is none."""
+"""Arms that hold one part together: the motion, its proven deviation, and the reason if no motion exists."""
 
 from __future__ import annotations
 

@@ -78,7 +78,8 @@ def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None
     try:
         status = path.stat()
     except (OSError, ValueError) as caught:  # ValueError: a null character in the name
-        raise error(ascii(str(path)) if "\0" in str(path) else path, f"cannot be read: {_reason(caught)}") from caught
+        reason = getattr(caught, "strerror", None) or caught
+        raise error(ascii(str(path)) if "\0" in str(path) else path, f"cannot be read: {reason}") from caught
     if not stat.S_ISREG(status.st_mode):
         what = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise error(path, f"cannot be read: it is {what}, not a file")
@@ -93,10 +94,6 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
-
-
-def _reason(caught: OSError | ValueError) -> str:
-    return str(getattr(caught, "strerror", None) or caught)
 
 
 @contextmanager

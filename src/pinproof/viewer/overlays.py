@@ -178,11 +178,6 @@ def marks_of(found: FirstContact | CheckResult | None) -> list[Mark]:
     return [Mark(found.bodies, found.points, normal)]
 
 
-def mark_radius(reach: float) -> float:
-    """Radius (m) of the sphere of a mark in a picture of radius ``reach`` (m)."""
-    return max(BALL_SHARE * reach, LEAST_BALL)
-
-
 def body_nodes(stage: Drawing, marks: Sequence[Mark]) -> list[list[str]]:
     """The nodes of all bodies in contact; attached objects belong to the node of the tcp link."""
     links, obstacles = {link.name for link in stage.links}, {obstacle.name for obstacle in stage.obstacles}

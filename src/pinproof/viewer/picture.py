@@ -244,7 +244,7 @@ class Picture:
                 reason = "The coloured points show a map; the arm shows one configuration, and nothing is proven."
                 caption = replace(caption, headline=MAP, reason=reason)
         for number, mark in enumerate(marks):
-            mark.draw(commands, number, overlays.mark_radius(radius))
+            mark.draw(commands, number, max(overlays.BALL_SHARE * radius, overlays.LEAST_BALL))
         steps = (
             overlays.swept(stage, shown, radius)
             if curve is None

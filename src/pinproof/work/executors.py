@@ -121,11 +121,6 @@ def _watch_parent(parent_end: Connection) -> None:
     threading.Thread(target=exit_with_parent, daemon=True).start()
 
 
-def usable_cores() -> int:
-    """Number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 MAX_DEATHS = 3
 """Number of workers that must die on a chunk before it is halved, and on a single pick before it is reported as
 crashed. A single death may have another cause, such as other processes that exhaust the memory."""
@@ -440,7 +435,9 @@ def do_chunks(
     # The executors, each with its own pending chunks; those that the caller keeps are not closed
     kept = isinstance(executor, LocalWorkers)
     if executor is None:
-        executor = LocalWorkers(usable_cores() if workers is None else workers)
+        # By default, as many processes as cores that this process may use
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        executor = LocalWorkers(cores if workers is None else workers)
     slots = in_flight
     if isinstance(executor, LocalWorkers):
         executors, slots = executor.executors, len(executor.executors)

@@ -282,7 +282,7 @@ def _robot(path: Path) -> object:
 
 def _picks(path: Path) -> object:
     picks = pp.read_picks(path)
-    return [pick.approach_pose() for pick in picks]
+    return [pick.before(pick.pose) for pick in picks]
 
 
 def yaml_text(tree: Any) -> str:

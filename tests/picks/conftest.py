@@ -82,13 +82,13 @@ def recheck(verdict: pp.picks.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: 
     assert off(motion(time), pick.pose)[0] < 1e-6
     np.testing.assert_allclose(motion(time), verdict.q_grasp, atol=1e-9)
     np.testing.assert_allclose(motion.velocity(time), 0.0, atol=1e-9)
-    assert max(off(motion.end, pick.retreat_pose())) < 2e-5
+    assert max(off(motion.end, pick.after(pick.pose))) < 2e-5
     # The tip goes straight, and does not turn, on the stated share of the approach and from the grasp to the end.
     before = np.linspace(0.0, time, 2000)
     away = np.array([off(motion(each), pick.pose)[0] for each in before])
     share = 1.0 if "approach" in pick.speed else picks.straight
     begin = time if pick.approach == 0 else before[np.flatnonzero(away >= share * pick.approach - 2e-5)[-1]]
-    for first, last, target in ((begin, time, pick.approach_pose()), (time, motion.duration, pick.retreat_pose())):
+    for first, last, target in ((begin, time, pick.before(pick.pose)), (time, motion.duration, pick.after(pick.pose))):
         direction = target.translation - pick.pose.translation
         for q in motion(np.linspace(first, last, 100)):
             at = root_from_tip(q)

@@ -83,7 +83,7 @@ def test_the_second_contact_of_rotating_fingers_is_that_of_dense_samples(pincer,
     def apart(link: str, value: float) -> float:
         return distance(1.0 if link.startswith("left") else -1.0, value, solid, placed)
 
-    # Each finger is within the tolerance of the part where it is reported to touch it, and touches it at no sample before
+    # Each finger is within the tolerance of the part where it reportedly touches it, and touches it at no sample before
     for link, at_contact in ((found.first, share - ahead), (found.second, share)):
         if link:
             assert apart(link, at_contact) <= TOUCH + SLACK

@@ -239,9 +239,9 @@ def test_picks_are_kept_when_given_by_a_generator() -> None:
 
 def test_approach_and_retreat_are_measured_from_the_grasp() -> None:
     pick = pp.Pick("a", pp.pose((1, 2, 3), (np.pi / 2, 0, 0)), approach=0.2, retreat=0.3, retreat_direction=(0, 0, 9))
-    np.testing.assert_allclose(pick.approach_pose().translation, [1, 2.2, 3], atol=1e-15)  # its z is -y of the root
-    np.testing.assert_allclose(pick.retreat_pose().translation, [1, 2, 3.3], atol=1e-15)
-    for pose in (pick.approach_pose(), pick.retreat_pose()):
+    np.testing.assert_allclose(pick.before(pick.pose).translation, [1, 2.2, 3], atol=1e-15)  # its z is -y of the root
+    np.testing.assert_allclose(pick.after(pick.pose).translation, [1, 2, 3.3], atol=1e-15)
+    for pose in (pick.before(pick.pose), pick.after(pick.pose)):
         np.testing.assert_array_equal(pose.rotation, pick.pose.rotation)
 
 

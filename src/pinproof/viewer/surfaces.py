@@ -20,27 +20,7 @@ from urllib.parse import unquote
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexShape,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    Mesh,
-    Obstacle,
-    OccupancyGrid,
-    PointCloud,
-    Sphere,
-    cell_faces,
-    connected_parts,
-    ground_surface,
-    hull_triangles,
-    rounded_corners,
-    triangles_of,
-)
+from pinproof import collision
 from pinproof.common import theme
 from pinproof.common.content_hash import cached, content_digest
 from pinproof.common.structs import described, key
@@ -130,7 +110,7 @@ def shade(
     first_edge, second_edge = first_edge[smooth], second_edge[smooth]
     rows = np.concatenate([low_corner[first_edge], high_corner[first_edge]])
     columns = np.concatenate([low_corner[second_edge], high_corner[second_edge]])
-    label = connected_parts(3 * count, rows, columns)
+    label = collision.connected_parts(3 * count, rows, columns)
     total = int(label.max(initial=-1)) + 1
 
     # The normal of a vertex is the sum of those of its faces, each as long as twice its area
@@ -232,7 +212,7 @@ def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
 
         def hull() -> list[Surface]:
             try:
-                return [shade(*_hull(ConvexShape(mesh.vertices)), COLLISION_AMBER)]
+                return [shade(*_hull(collision.ConvexShape(mesh.vertices)), COLLISION_AMBER)]
             except InputError:  # a flat mesh has no hull
                 return [shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)]
 
@@ -247,10 +227,10 @@ def _file_of(geometry: LinkGeometry) -> Path:
     return resolved(geometry.mesh, geometry.link)
 
 
-def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
+def obstacle_surfaces(obstacle: collision.Obstacle) -> list[Surface]:
     """Surfaces of an obstacle in its own frame; MeshError if its mesh is missing, ViewerError for an unknown shape."""
     shape, rgba = obstacle.shape, obstacle.rgba
-    if isinstance(shape, Mesh) and shape.path is not None:
+    if isinstance(shape, collision.Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)
     draw = SHAPES.get(type(shape))
     if draw is None:
@@ -360,26 +340,26 @@ def _capsule(radius: float, length: float) -> Triangles:
     return revolved(radii, heights)
 
 
-def _hull(shape: ConvexShape) -> Triangles:
-    corners = rounded_corners(shape.points, shape.radius)
-    return corners, hull_triangles(corners)
+def _hull(shape: collision.ConvexShape) -> Triangles:
+    corners = collision.rounded_corners(shape.points, shape.radius)
+    return corners, collision.hull_triangles(corners)
 
 
 PLATE = box_triangles(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
 
 SHAPES: dict[type, Callable[[Any], Triangles]] = {
-    Box: lambda shape: box_triangles(shape.x, shape.y, shape.z),
-    Sphere: lambda shape: _sphere(shape.radius),
-    Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
-    Capsule: lambda shape: _capsule(shape.radius, shape.length),
-    Cone: lambda shape: _cone(shape.radius, shape.length),
-    Ellipsoid: lambda shape: (_sphere(1.0)[0] * [shape.rx, shape.ry, shape.rz], _sphere(1.0)[1]),
-    HalfSpace: lambda _: (PLATE[0] - [0.0, 0.0, PLATE_THICKNESS / 2], PLATE[1]),
-    ConvexShape: _hull,
-    Mesh: lambda shape: (triangles_of(shape).vertices, triangles_of(shape).triangles),
-    PointCloud: cell_faces,
-    OccupancyGrid: cell_faces,
-    HeightMap: ground_surface,
+    collision.Box: lambda shape: box_triangles(shape.x, shape.y, shape.z),
+    collision.Sphere: lambda shape: _sphere(shape.radius),
+    collision.Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
+    collision.Capsule: lambda shape: _capsule(shape.radius, shape.length),
+    collision.Cone: lambda shape: _cone(shape.radius, shape.length),
+    collision.Ellipsoid: lambda shape: (_sphere(1.0)[0] * [shape.rx, shape.ry, shape.rz], _sphere(1.0)[1]),
+    collision.HalfSpace: lambda _: (PLATE[0] - [0.0, 0.0, PLATE_THICKNESS / 2], PLATE[1]),
+    collision.ConvexShape: _hull,
+    collision.Mesh: lambda shape: (collision.triangles_of(shape).vertices, collision.triangles_of(shape).triangles),
+    collision.PointCloud: collision.cell_faces,
+    collision.OccupancyGrid: collision.cell_faces,
+    collision.HeightMap: collision.ground_surface,
 }
 """How each shape of an obstacle or attached object is drawn. A new shape is registered here."""
 
@@ -453,7 +433,7 @@ def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surf
         kind,
         key,
         arrays,
-        code=[__file__, theme.__file__, *meshes.MESH_CODE, inspect.getfile(connected_parts)],
+        code=[__file__, theme.__file__, *meshes.MESH_CODE, inspect.getfile(collision.connected_parts)],
         libraries=["trimesh", "pycollada", "pillow"],
     )
     # Back from the arrays of the cache

@@ -553,14 +553,6 @@ class Pick(HandValues, StraightLines, Shown):
         """The name of the grasped object; None without one."""
         return self.carried.name if isinstance(self.carried, Obstacle) else self.carried
 
-    def approach_pose(self) -> SE3:
-        """``frame_from_tip`` at the start of the approach."""
-        return self.before(self.pose)
-
-    def retreat_pose(self) -> SE3:
-        """``frame_from_tip`` at the end of the retreat."""
-        return self.after(self.pose)
-
 
 _Target = TypeVar("_Target", Pick, PlaceTarget)
 

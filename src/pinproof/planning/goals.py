@@ -103,10 +103,7 @@ class Goals(NamedTuple):
 def read_goals(checker: CollisionChecker, start: Array, goal: Goal, rng: int) -> Goals:
     """The configurations of a goal within the limits; for poses, all solutions of the closed form, else those found.
 
-    Raises
-    ------
-    InputError
-        If the goal is of another kind than :data:`Goal`, or for another arm.
+    InputError if the goal is of another kind than :data:`Goal`, or for another arm.
     """
     poses: tuple[GoalPose, ...]
     if isinstance(goal, IkBranches):

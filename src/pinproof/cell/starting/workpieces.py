@@ -118,10 +118,7 @@ def free_floor(bin: Workpiece) -> tuple[Array, Array, float]:  # noqa: A002  # a
 
     Rays from above meet the bin at its upper surface; the cells at the lowest level are the floor.
 
-    Raises
-    ------
-    InputError
-        If the bin has no interior that is open upwards.
+    InputError if the bin has no interior that is open upwards.
     """
     low, high = bin.mesh.bounds
     step = max(CELL, float((high - low)[:2].max()) / CELLS)

@@ -67,10 +67,7 @@ def find_pairs(
 
     A finger that closes along the third array (N, 3) touches the first points (N, 3), the other finger the second ones.
 
-    Raises
-    ------
-    InputError
-        If no such points exist, with the reason.
+    InputError if no such points exist, with the reason.
     """
     # Closing directions: those of the normals, spread over a half sphere, and a few others for tapered parts
     folded = part.normals * np.where(part.normals[:, 2:] + 1e-3 * part.normals[:, 1:2] < 0.0, -1.0, 1.0)

@@ -130,10 +130,7 @@ class HandMaps:
     def of(cls, tool: Any, arm: Arm | None) -> HandMaps:
         """The maps of a tool; ``arm`` is needed for fingers and palms that are links of a robot.
 
-        Raises
-        ------
-        InputError
-            If the fingers of the tool do not close towards each other across the approach direction.
+        InputError if the fingers of the tool do not close towards each other across the approach direction.
         """
         fingers = None if tool.fingers is None else replace(tool.fingers, grip=0.0)
         closing = fingers_of(arm, fingers, {} if arm is None else closed_completely(tool, arm))

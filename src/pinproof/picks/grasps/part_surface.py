@@ -46,10 +46,7 @@ class PartSurface:
     def of(cls, part: Any, rng: np.random.Generator, centre: npt.ArrayLike | None = None) -> PartSurface:
         """The surface of a part; ``centre`` (3,) is its centre of mass, by default that of a uniform density.
 
-        Raises
-        ------
-        InputError
-            If the part is not bounded, or its mesh is not closed; also for the reasons of ``Obstacle``.
+        InputError if the part is not bounded, or its mesh is not closed; also for the reasons of ``Obstacle``.
         """
         obstacle, remark = as_part(part)
         surface = LineSurface.of_obstacle(obstacle)

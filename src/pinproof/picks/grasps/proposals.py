@@ -268,10 +268,7 @@ def propose_grasps(part: Any, tool: Hand, *, arm: Arm | None = None, count: int 
 def with_proposals(picks: Picks, arm: Arm) -> Picks:
     """The picks with proposed grasps of the part types that state none, for each tool that may hold them.
 
-    Raises
-    ------
-    InputError
-        If no tool holds a part.
+    InputError if no tool holds a part.
     """
     wanted = {pick.part for pick in picks.picks if pick.by_part} if picks.picks else set(picks.parts)
     parts = dict(picks.parts)

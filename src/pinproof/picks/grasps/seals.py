@@ -43,10 +43,7 @@ def point_grasps(
 ) -> Candidates:
     """Up to ``count`` grasps that are spread over the surface; with a ``cup``, only where it seals.
 
-    Raises
-    ------
-    InputError
-        If the cup seals nowhere; the message states the largest flat circle that was found.
+    InputError if the cup seals nowhere; the message states the largest flat circle that was found.
     """
     places = np.arange(len(part.points)) if cup is None else part.flat_points(cup.radius, cup.gap)
     every = _hands_at(part, places, cup, rng)

@@ -370,10 +370,7 @@ class _Timeline:
     ) -> Certificate:
         """The certificate of a motion that starts now.
 
-        Raises
-        ------
-        _BeltEnds
-            If parts are on the belt, and it is not known where they are until the end of the motion.
+        _BeltEnds if parts are on the belt, and it is not known where they are until the end of the motion.
         """
         movers = self.movers(checker.scene)
         if self.now + motion.duration > self.belt.duration and movers:

@@ -91,10 +91,7 @@ def _pressing(patch: GripPatch, force: float, friction: float, part: str) -> Con
     friction cones about both are within the cone about their bisector whose angle is smaller by half of that between
     them, and their share along either is larger than that along the bisector by no more than the last factor.
 
-    Raises
-    ------
-    InputError
-        If no force is within both cones.
+    InputError if no force is within both cones.
     """
     half = 0.5 * math.acos(min(1.0, float(patch.normal @ patch.into)))
     angle = math.atan(friction) - half

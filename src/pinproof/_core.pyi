@@ -406,7 +406,7 @@ class ArmPlan:
         planar: bool,
         reversed: bool,
         normal: int,
-        locked: int,
+        locked: Sequence[int],
         border: float,
         spread: float,
         rounding: float,
@@ -429,7 +429,7 @@ class ArmPlan:
     @property
     def normal(self) -> int: ...
     @property
-    def locked(self) -> int: ...
+    def locked(self) -> list[int]: ...
     @property
     def border(self) -> float: ...
     @property
@@ -449,7 +449,10 @@ class ClosedForm:
     def with_tolerances(self, position: float, orientation: float, virtual_tolerance: float) -> ClosedForm: ...
     def without_limits(self) -> ClosedForm: ...
     def solve(
-        self, target: NDArray[numpy.float64], reference: NDArray[numpy.float64], locked_value: float = 0.0
+        self,
+        target: NDArray[numpy.float64],
+        reference: NDArray[numpy.float64],
+        locked_values: NDArray[numpy.float64] | None = None,
     ) -> Branches | None: ...
     def solve_batch(
         self,

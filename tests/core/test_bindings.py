@@ -257,7 +257,7 @@ CLOSED: dict[str, Any] = {
     "planar": False,
     "reversed": False,
     "normal": 0,
-    "locked": -1,
+    "locked": [],
     "border": 1e-9,
     "spread": 1e-6,
     "rounding": 1e-12,
@@ -379,9 +379,9 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a plan with an index beyond the joints": lambda: closed_form(joints=[planned(index=DOF)] * DOF),
     "a plan with a true index beyond the joints": lambda: closed_form(true_joints=[planned(index=DOF)] * DOF),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
-    "a plan with a locked joint but six joints": lambda: closed_form(locked=2),
+    "a plan with a locked joint but six joints": lambda: closed_form(locked=[2]),
     "branches with errors in one row": lambda: _core.Branches(np.zeros((2, DOF)), np.zeros((1, 4))),
-    "branches of too many joints": lambda: _core.Branches(np.zeros((1, 8)), np.zeros((1, 2))),
+    "branches of too many joints": lambda: _core.Branches(np.zeros((1, 9)), np.zeros((1, 2))),
     "a branch that does not exist": lambda: _core.Branches(np.zeros((1, 6)), np.zeros((1, 2))).select([1]),
     "a proof with too few limits": lambda: reach(lower=np.zeros(DOF - 1)),
     "a proof with an infinite limit": lambda: reach(upper=np.full(DOF, np.inf)),
@@ -399,7 +399,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "an overlap behind the last joint": lambda: reach().prove(EYE, 1e-6, 1e-6, 10, False, [overlap(box_link=DOF + 1)]),
     "a proof with a negative budget": lambda: reach().prove(EYE, 1e-6, 1e-6, -1, False),
     "a batch whose size overflows": lambda: closed_form().solve_batch(
-        np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62
+        np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1, 0)), 2**62
     ),
     "four coefficients of a quartic": lambda: _core.quartic_roots(np.zeros(4)),
     "a convex shape without points": lambda: _core.Shape.convex(np.zeros((0, 3)), np.zeros(0), 0.0, np.zeros(3), BOX),
@@ -620,6 +620,6 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     assert not prove_beside_mesh(corners=mesh_corners() - np.tile([0.25, 0.0, 0.0], 3), box=3.5 * BOX).free
     assert search().branch(0, 0) == [0]
     assert reach().prove(EYE, 1e-6, 1e-6, 10, False).boxes > 0
-    assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1)), 8)[0]) == 1
+    assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1, 0)), 8)[0]) == 1
     assert bounds().tight(0, np.array([1.0, 0.0, 0.0]), 0, np.zeros((2, 2))).distance >= 0.0
     assert edges().proven_free(np.zeros(2), np.array([0.1, 0.1]))

@@ -43,7 +43,7 @@ BranchList sorted_list(const Branches& found, const double* reference, std::size
 
 BranchList list_of_branches(const Matrix& q, const Matrix& errors) {
     const std::size_t count = q.shape(0), dof = q.shape(1);
-    if (dof > kMostJoints) refuse("a closed form has at most 7 joints");
+    if (dof > kMostJoints) refuse("a closed form has at most 8 joints");
     const auto sizes = shaped("errors", errors, {count, 2});
     BranchList list{{}, dof, std::vector<Branch>(count)};
     for (std::size_t i = 0; i < count; ++i) {
@@ -91,14 +91,17 @@ class ClosedForm {
 
     const ArmPlan& plan() const { return plan_; }
 
-    std::optional<BranchList> solve(const Matrix& target, const Vector& reference, double locked_value) {
+    std::optional<BranchList> solve(const Matrix& target, const Vector& reference,
+                                    const std::optional<Vector>& locked_values) {
         const double* matrix = shaped("target", target, {4, 4}).data();
         const double* near = shaped("reference", reference, {plan_.dof()}).data();
-        if (!solver_.solve(matrix, near, locked_value, found_)) return std::nullopt;
+        if (!locked_values && !plan_.locked.empty()) refuse("the values of the locked joints are missing");
+        const double* locked = locked_values ? shaped("locked_values", *locked_values, {plan_.locked.size()}).data() : nullptr;
+        if (!solver_.solve(matrix, near, locked, found_)) return std::nullopt;
         return sorted_list(found_, near, plan_.dof());
     }
 
-    nb::tuple solve_batch(const Stack& targets, const Matrix& references, const Matrix& values, std::size_t capacity,
+    nb::tuple solve_batch(const Stack& targets, const Matrix& references, const Stack& values, std::size_t capacity,
                           std::size_t threads) const;
 
   private:
@@ -107,11 +110,12 @@ class ClosedForm {
     Branches found_;
 };
 
-// Row i * v + j is for target i and value j of the locked joint.
+// Row i * v + j is for target i and the values j of the locked joints.
 struct BatchRows {
     const double *targets, *references, *values;
     std::size_t value_count, dof, capacity;
-    bool one_reference, one_set_of_values, locked;
+    std::size_t locked;  // the number of locked joints
+    bool one_reference, one_set_of_values;
     double *q = nullptr, *errors = nullptr;
     std::int64_t *counts = nullptr, *outside = nullptr;
     bool* known = nullptr;
@@ -119,7 +123,7 @@ struct BatchRows {
     void solve(ClosedFormSolver& solver, Branches& found, std::size_t row) const {
         const std::size_t i = row / value_count, j = row % value_count;
         const double* reference = references + (one_reference ? 0 : i * dof);
-        const double value = values[(one_set_of_values ? 0 : i * value_count) + j];
+        const double* value = values + locked * ((one_set_of_values ? 0 : i * value_count) + j);
         const bool rigid = solver.solve(targets + 16 * i, reference, value, found);
         known[row] = rigid && found.all_known();
         outside[row] = rigid ? found.outside : 0;
@@ -141,22 +145,22 @@ struct BatchRows {
 
     std::int64_t count_of(const Branches& found) const {
         const std::int64_t most = static_cast<std::int64_t>(capacity);
-        if (found.count > most) return locked ? most : static_cast<std::int64_t>(kElsewhere);
+        if (found.count > most) return locked > 0 ? most : static_cast<std::int64_t>(kElsewhere);
         if (found.count == 0 && found.free_joints != 0) return kElsewhere;
         return found.count;
     }
 };
 
-nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references, const Matrix& values,
+nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references, const Stack& values,
                                   std::size_t capacity, std::size_t threads) const {
     const std::size_t count = targets.shape(0), v = values.shape(1), n = plan_.dof();
     const std::size_t reference_rows = references.shape(0) == 1 ? 1 : count;
     const std::size_t value_rows = values.shape(0) == 1 ? 1 : count;
     BatchRows batch{.targets = shaped("targets", targets, {kAny, 4, 4}).data(),
                     .references = shaped("references", references, {reference_rows, n}).data(),
-                    .values = shaped("values", values, {value_rows, kAny}).data(),
-                    .value_count = v, .dof = n, .capacity = capacity, .one_reference = references.shape(0) == 1,
-                    .one_set_of_values = values.shape(0) == 1, .locked = plan_.locked >= 0};
+                    .values = shaped("values", values, {value_rows, kAny, plan_.locked.size()}).data(),
+                    .value_count = v, .dof = n, .capacity = capacity, .locked = plan_.locked.size(),
+                    .one_reference = references.shape(0) == 1, .one_set_of_values = values.shape(0) == 1};
     const auto arrays = nb::make_tuple(filled({count, v, capacity, n}, batch.q),
                                        filled({count, v, capacity, 2}, batch.errors), filled({count, v}, batch.counts), filled({count, v}, batch.outside),
                                        filled({count, v}, batch.known));
@@ -175,11 +179,16 @@ nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references
 
 void check_plan(const ArmPlan& plan) {
     const std::size_t count = plan.joints.size();
-    if (count != (plan.locked >= 0 ? 7 : 6)) refuse("a loop has six joints, or seven of which one is locked");
+    if (plan.locked.size() > kMostLocked || count != 6 + plan.locked.size())
+        refuse("a loop has six joints, and at most two that are locked");
     if (!plan.true_joints.empty()) require_size("true_joints", plan.true_joints.size(), count);
-    if (plan.chain.dof > kMostJoints || !(plan.size > 0.0)) refuse("at most 7 joints, and a positive size");
-    bool exist = plan.first_of_triple >= -1 && plan.first_of_triple <= 3 && plan.normal >= 0 && plan.normal <= 2 &&
-                 plan.locked >= -1 && plan.locked <= 6;
+    if (plan.chain.dof > kMostJoints || !(plan.size > 0.0)) refuse("at most 8 joints, and a positive size");
+    bool exist = plan.first_of_triple >= -1 && plan.first_of_triple <= 3 && plan.normal >= 0 && plan.normal <= 2;
+    int last = -1;
+    for (const int k : plan.locked) {
+        exist = exist && k > last && k < static_cast<int>(count) && !plan.joints[k].is_virtual();
+        last = k;
+    }
     for (const auto* joints : {&plan.joints, &plan.true_joints})
         for (const PlannedJoint& joint : *joints)
             exist = exist && joint.index >= -1 && joint.index < static_cast<int>(plan.chain.dof);
@@ -286,12 +295,12 @@ void bind_closed_form(nb::module_& module) {
         .def("with_tolerances", &with_tolerances, "position"_a, "orientation"_a, "virtual_tolerance"_a,
              nb::rv_policy::take_ownership)
         .def("without_limits", &without_limits, nb::rv_policy::take_ownership)
-        .def("solve", &ClosedForm::solve, "target"_a, "reference"_a, "locked_value"_a = 0.0,
+        .def("solve", &ClosedForm::solve, "target"_a, "reference"_a, "locked_values"_a = nb::none(),
              "The branches for a homogeneous matrix (4, 4); None if it is not rigid.")
         .def("solve_batch", &ClosedForm::solve_batch, "targets"_a, "references"_a, "values"_a, "capacity"_a,
              "threads"_a = 1,
              "q (N, v, k, n), errors (N, v, k, 2), counts, solutions outside the limits and whether all are known "
-             "(N, v), for targets (N, 4, 4) at values (1 or N, v) of the locked joint.");
+             "(N, v), for targets (N, 4, 4) at values (1 or N, v, l) of the locked joints.");
     module.attr("BAD_TARGET") = static_cast<int>(kBadTarget);
     module.attr("ELSEWHERE") = static_cast<int>(kElsewhere);
     module.attr("EQUATION_ROUNDING") = kRounding;

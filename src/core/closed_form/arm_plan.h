@@ -12,6 +12,8 @@
 
 namespace pinproof {
 
+inline constexpr int kMostLocked = 2;
+
 // A joint of the ideal arm at zero, with lengths relative to the size of the arm.
 struct PlannedJoint {
     Vec3 direction, point;
@@ -27,12 +29,12 @@ struct PlannedJoint {
 struct ArmPlan {
     Chain chain;                       // the true arm
     double size;                       // m: the length of the arm
-    std::vector<PlannedJoint> joints;  // six, or seven with one locked joint
+    std::vector<PlannedJoint> joints;  // six, and the locked ones
     Transform tool;                    // of the ideal arm at zero, lengths relative to the size
     int first_of_triple;               // 0 to 3, among the six joints that are not locked; -1: no triple
     bool planar, reversed;
     int normal;  // the revolute joint of the triple whose direction is the normal: 0 to 2
-    int locked;  // an index into joints, or -1
+    std::vector<int> locked;  // indices into joints, ascending: one of seven joints, two of eight
 
     double border, spread, rounding;  // see LoopTolerances
     // For the general elimination, if it is used: the joints with their true lines, in the same order.
@@ -44,7 +46,12 @@ struct ArmPlan {
     std::vector<Cut> cuts;                                         // of the loop, best first
 
     std::size_t dof() const { return chain.dof; }
-    int locked_index() const { return locked < 0 ? -1 : joints[locked].index; }
+    // The locked joints as a set of indices in q.
+    unsigned locked_in_q() const {
+        unsigned set = 0;
+        for (const int k : locked) set |= 1u << joints[k].index;
+        return set;
+    }
     // Whether the true arm deviates from the ideal one, so that solutions are refined.
     bool deviates() const { return spread > 0.0; }
     bool has_triple() const { return first_of_triple >= 0; }

@@ -67,18 +67,36 @@ bool same_branch(const double* a, const double* b, int n) {
     return true;
 }
 
-// The true lines of the six joints that are not locked, and the motion of the locked one.
-Transform true_lines(const ArmPlan& plan, double locked_value, LoopLine (&lines)[6]) {
-    Transform after_locked;
-    if (plan.locked >= 0) after_locked = motion_of(plan.true_joints[plan.locked], locked_value, plan.size);
-    for (int k = 0, row = 0; k < static_cast<int>(plan.true_joints.size()); ++k) {
-        if (k == plan.locked) continue;
-        const PlannedJoint& joint = plan.true_joints[k];
-        lines[row++] = plan.locked >= 0 && k > plan.locked
-                           ? LoopLine{after_locked.rotation * joint.direction, after_locked * joint.point, joint.prismatic}
-                           : LoopLine{joint.direction, joint.point, joint.prismatic};
+// The motions of the first locked joints for their values, from those of none of them to those of all.
+struct LockedMotions {
+    Transform of_first[kMostLocked + 1];
+
+    LockedMotions(const ArmPlan& plan, const std::vector<PlannedJoint>& joints, const double* values) {
+        for (std::size_t i = 0; i < plan.locked.size(); ++i)
+            of_first[i + 1] = of_first[i] * motion_of(joints[plan.locked[i]], values[i], plan.size);
     }
-    return after_locked;
+};
+
+// Whether joint k is the next of the locked ones, of which `passed` come before it; then it is passed.
+bool pass_locked(const ArmPlan& plan, int k, std::size_t& passed) {
+    if (passed == plan.locked.size() || plan.locked[passed] != k) return false;
+    ++passed;
+    return true;
+}
+
+// The true lines of the six joints that are not locked, the joint of each, and the motion of the locked ones.
+Transform true_lines(const ArmPlan& plan, const double* locked_values, LoopLine (&lines)[6], int (&source)[6]) {
+    const LockedMotions motions(plan, plan.true_joints, locked_values);
+    std::size_t passed = 0;
+    for (int k = 0, row = 0; k < static_cast<int>(plan.true_joints.size()); ++k) {
+        if (pass_locked(plan, k, passed)) continue;
+        const PlannedJoint& joint = plan.true_joints[k];
+        const Transform& moved = motions.of_first[passed];
+        source[row] = k;
+        lines[row++] = passed > 0 ? LoopLine{moved.rotation * joint.direction, moved * joint.point, joint.prismatic}
+                                  : LoopLine{joint.direction, joint.point, joint.prismatic};
+    }
+    return motions.of_first[passed];
 }
 
 // Uniform numbers in [-1, 1) (Knuth's MMIX generator), the same on every computer.
@@ -101,8 +119,11 @@ void prepare_cuts(ArmPlan& plan) {
     std::vector<LoopTrial> trials(kTrials);
     Uniform uniform;
     for (LoopTrial& trial : trials) {
-        const bool prismatic = plan.locked >= 0 && plan.true_joints[plan.locked].prismatic;
-        true_lines(plan, uniform() * (prismatic ? plan.size : std::numbers::pi), trial.lines);
+        double values[kMostLocked];
+        for (std::size_t i = 0; i < plan.locked.size(); ++i)
+            values[i] = uniform() * (plan.true_joints[plan.locked[i]].prismatic ? plan.size : std::numbers::pi);
+        int source[6];
+        true_lines(plan, values, trial.lines, source);
         for (double& one : trial.q) one = uniform() * std::numbers::pi;
     }
     plan.cuts = choose_cuts(trials);
@@ -139,13 +160,12 @@ std::optional<Transform> rigid_transform(const double* matrix) {
 }
 
 // The six lines of the loop for the present target: the triple, then a, b, c; those before the triple are transformed by
-// G^-1. A locked joint moves the part of the chain after it.
-void ClosedFormSolver::close_loop(double locked_value) {
-    Transform after_locked;
-    if (plan_.locked >= 0) after_locked = motion_of(plan_.joints[plan_.locked], locked_value, plan_.size);
+// G^-1. Locked joints move the part of the chain after them.
+void ClosedFormSolver::close_loop() {
+    const LockedMotions motions(plan_, plan_.joints, locked_values_);
     Transform target = target_;
     target.translation = (1.0 / plan_.size) * target.translation;
-    loop_.rest = target * inverse(after_locked * plan_.tool);
+    loop_.rest = target * inverse(motions.of_first[plan_.locked.size()] * plan_.tool);
     joints_ = &plan_.joints;
     deviates_ = plan_.deviates();
     loop_.planar = plan_.planar;
@@ -153,12 +173,13 @@ void ClosedFormSolver::close_loop(double locked_value) {
     const Transform rest_inverse = inverse(loop_.rest);
 
     int six = 0;
+    std::size_t passed = 0;
     for (int k = 0; k < static_cast<int>(plan_.joints.size()); ++k) {
-        if (k == plan_.locked) continue;
+        if (pass_locked(plan_, k, passed)) continue;
         const PlannedJoint& joint = plan_.joints[k];
         Line line = line_of(joint);
-        if (plan_.locked >= 0 && k > plan_.locked)
-            line = {after_locked.rotation * line.direction, after_locked * line.point, line.prismatic, 0.0};
+        const Transform& moved = motions.of_first[passed];
+        if (passed > 0) line = {moved.rotation * line.direction, moved * line.point, line.prismatic, 0.0};
         const int in_triple = six - plan_.first_of_triple;
         if (in_triple == plan_.normal) {
             loop_.normal = line.direction;
@@ -181,12 +202,12 @@ void ClosedFormSolver::close_loop(double locked_value) {
     loop_.moved_normal = rest_inverse.rotation * loop_.normal;
 }
 
-bool ClosedFormSolver::solve(const double* target, const double* reference, double locked_value, Branches& out) {
+bool ClosedFormSolver::solve(const double* target, const double* reference, const double* locked_values, Branches& out) {
     const std::optional<Transform> rigid = rigid_transform(target);
     if (!rigid) return false;
     target_ = *rigid;
     reference_ = reference;
-    locked_value_ = locked_value;
+    locked_values_ = locked_values;
     tolerances_ = {plan_.border, plan_.spread, {plan_.rounding, plan_.equation_tolerance}};
     freed_ = with_free_ = with_branch_ = 0;
     outer_undecided_ = false;
@@ -200,7 +221,7 @@ bool ClosedFormSolver::solve(const double* target, const double* reference, doub
         return true;
     }
 
-    close_loop(locked_value);
+    close_loop();
     solve_loop(false, false, out);
     if (outer_undecided_ || solutions_.undecided) {
         // If rounding does not decide whether joints are free, also with them free; these solutions count only if
@@ -269,11 +290,10 @@ bool ClosedFormSolver::solve_generally(Branches& out) {
     joints_ = &plan_.true_joints;
     deviates_ = false;
     LoopLine lines[6];
-    const Transform after_locked = true_lines(plan_, locked_value_, lines);
+    const Transform after_locked = true_lines(plan_, locked_values_, lines, source_);
     Transform target = target_;
     target.translation = (1.0 / plan_.size) * target.translation;
     const Transform rest = target * inverse(after_locked * plan_.tool);
-    for (int row = 0; row < 6; ++row) source_[row] = row + (plan_.locked >= 0 && row >= plan_.locked ? 1 : 0);
     LoopRoots roots;
     int existing[kMostCuts], solved = 0;
     // The number of cuts that prove the roots to be all.
@@ -307,24 +327,29 @@ bool ClosedFormSolver::solve_generally(Branches& out) {
 void ClosedFormSolver::consider_starts(const LoopLine (&lines)[6], const Transform& rest, Branches& out) {
     Branch nearest{};
     std::copy_n(reference_, plan_.dof(), nearest.q);
-    if (plan_.locked >= 0) nearest.q[plan_.locked_index()] = locked_value_;
+    set_locked(nearest.q);
     refine_and_keep(nearest, out);
     int cuts = 0;
     for (const Cut& cut : plan_.cuts) {
         const EliminationResult& found = general_.starts(lines, rest, cut);
         for (int i = 0; i < found.count; ++i) {
             Branch branch;
-            if (plan_.locked >= 0) branch.q[plan_.locked_index()] = locked_value_;
+            set_locked(branch.q);
             for (int row = 0; row < 6; ++row) {
                 const PlannedJoint& joint = plan_.true_joints[source_[row]];
                 if (!joint.is_virtual()) branch.q[joint.index] = found.start[i][row] * (joint.prismatic ? plan_.size : 1.0);
             }
             branch.free_joints = 0u;
             branch.number = {};
-            if (refine_and_keep(branch, out) && plan_.locked < 0) consider_twins(branch, kSingularStart, out);
+            if (refine_and_keep(branch, out) && plan_.locked.empty()) consider_twins(branch, kSingularStart, out);
         }
         if (++cuts == kMostStartCuts) break;
     }
+}
+
+// Set the locked joints of a configuration to their values.
+void ClosedFormSolver::set_locked(double* q) const {
+    for (std::size_t i = 0; i < plan_.locked.size(); ++i) q[plan_.joints[plan_.locked[i]].index] = locked_values_[i];
 }
 
 // The branches among the configurations of the loop.
@@ -389,11 +414,11 @@ void ClosedFormSolver::to_values(int first, int count) {
         for (int b = 0; b < kWideLanes; ++b)
             outside_[b] = std::max(outside_[b], std::max(joint.lower - q[b], q[b] - joint.upper));
     }
-    if (plan_.locked >= 0) {
-        const PlannedJoint& joint = plan_.joints[plan_.locked];
-        const double beyond = std::max(joint.lower - locked_value_, locked_value_ - joint.upper);
+    for (std::size_t i = 0; i < plan_.locked.size(); ++i) {
+        const PlannedJoint& joint = plan_.joints[plan_.locked[i]];
+        const double value = locked_values_[i], beyond = std::max(joint.lower - value, value - joint.upper);
         for (int b = 0; b < kWideLanes; ++b) {
-            configurations_.q[joint.index][b] = locked_value_;
+            configurations_.q[joint.index][b] = value;
             outside_[b] = std::max(outside_[b], beyond);
         }
     }
@@ -439,7 +464,7 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
         added = keep(branch, out);
         if (free_joints) with_branch_ |= solution.number.bit();
     }
-    if (deviates_ && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
+    if (deviates_ && plan_.locked.empty() && (added || outside > 0.0 || branch.distance < kAstray))
         consider_twins(branch, kNearlySingular * std::sqrt(plan_.spread) * plan_.size, out);
 }
 

@@ -47,14 +47,15 @@ class ClosedFormSolver {
     // The distinct branches for a homogeneous matrix (16 numbers, row by row). Free joints keep their value in the
     // reference (n,), and revolute joints are shifted by full rotations to be closest to it. Returns false if the matrix
     // is not rigid.
-    bool solve(const double* target, const double* reference, double locked_value, Branches& out);
+    bool solve(const double* target, const double* reference, const double* locked_values, Branches& out);
 
   private:
     bool solve_generally(Branches& out);
     void consider_roots(const LoopRoots& roots, Branches& out);
     void consider_starts(const LoopLine (&lines)[6], const Transform& rest, Branches& out);
     void consider_all(Branches& out);
-    void close_loop(double locked_value);
+    void close_loop();
+    void set_locked(double* q) const;
     void solve_loop(bool outer_free, bool triple_free, Branches& out);
     void to_values(int first, int count);
     void consider(int index, int lane, const LaneErrors& errors, Branches& out);
@@ -69,7 +70,7 @@ class ClosedFormSolver {
     // For the present pose.
     Transform target_;
     const double* reference_ = nullptr;
-    double locked_value_ = 0.0;
+    const double* locked_values_ = nullptr;
     Loop loop_;
     int source_[6];  // the joint of the plan for each line of the loop
     const std::vector<PlannedJoint>* joints_ = nullptr;  // of the plan, that source_ refers to

@@ -8,7 +8,7 @@
 namespace pinproof {
 
 inline constexpr int kWideLanes = 8;
-inline constexpr int kMostJoints = 7;  // of an arm with a closed form
+inline constexpr int kMostJoints = 8;  // of an arm with a closed form
 
 // Configurations, one per lane; every lane must hold finite numbers.
 struct LaneConfigurations {

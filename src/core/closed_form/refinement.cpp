@@ -94,9 +94,10 @@ void Refinement::iterate(unsigned held, double* q, double* best, Refined& result
 }
 
 Refined Refinement::refine(const Transform& target, const double* reference, double at_limit, unsigned held, double* q) {
-    const int n = static_cast<int>(plan_.dof()), locked = plan_.locked_index();
+    const int n = static_cast<int>(plan_.dof());
+    const unsigned locked = plan_.locked_in_q();
     target_from_base_ = frame_of(inverse(target));
-    if (locked >= 0) held |= 1u << locked;
+    held |= locked;
 
     Refined result{kInfinity, kInfinity, kInfinity};
     double best[kMostJoints];
@@ -110,7 +111,7 @@ Refined Refinement::refine(const Transform& target, const double* reference, dou
         for (const PlannedJoint& joint : plan_.joints) {
             if (joint.is_virtual()) continue;
             const int j = joint.index;
-            const double value = joint.prismatic || j == locked
+            const double value = joint.prismatic || contains(locked, j)
                                      ? best[j]
                                      : nearest_winding(best[j], joint.lower, joint.upper, kLimitSlack, reference[j]);
             const double inside = std::min(std::max(value, joint.lower), joint.upper);
@@ -136,13 +137,14 @@ Refined Refinement::refine(const Transform& target, const double* reference, dou
 }
 
 double Refinement::weakest_motion(const double* q, double* motion) {
-    const int n = static_cast<int>(plan_.dof()), locked = plan_.locked_index();
-    if (n - (locked < 0 ? 0 : 1) != 6) return kInfinity;
+    const int n = static_cast<int>(plan_.dof());
+    const unsigned locked = plan_.locked_in_q();
+    if (n - static_cast<int>(plan_.locked.size()) != 6) return kInfinity;
     posture_.evaluate(plan_.chain, Frame{}, q);
     posture_.jacobian(plan_.chain, jacobian_);
     int moving[6], count = 0;
     for (int j = 0; j < n; ++j)
-        if (j != locked) moving[count++] = j;
+        if (!contains(locked, j)) moving[count++] = j;
     Symmetric6 square;
     for (int i = 0; i < 6; ++i)
         for (int j = 0; j <= i; ++j) square.m[i][j] = dot(jacobian_[moving[i]], jacobian_[moving[j]]);

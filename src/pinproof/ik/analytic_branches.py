@@ -1,4 +1,4 @@
-"""Results of the closed form for one and for many targets, and the sweep over the redundant joint of seven."""
+"""Results of the closed form for one and for many targets, and the sweep over redundant joints."""
 
 from __future__ import annotations
 
@@ -47,22 +47,27 @@ def joined(intervals: tuple[Interval, ...]) -> list[tuple[float, float]]:
     return spans
 
 
-def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[_core.Branches, tuple[Interval, ...]]:
-    """The branches at all values of the redundant joint, nearest to the reference first, and the intervals.
+def branches_at(plan: Plan, target: Array, reference: Array, grid: Array) -> tuple[_core.Branches, Array]:
+    """The branches at the values of the redundant joints, nearest to the reference first, and their number for each."""
+    q, errors, counts, _ = sweep_many(plan, target[None], reference[None], grid[None])
+    order = np.argsort(np.abs(q - reference).max(axis=1, initial=0.0), kind="stable")
+    return _core.Branches(q[order], errors[order]), counts[0]
+
+
+def intervals_of(plan: Plan, target: Array, reference: Array, values: Array, counts: Array) -> tuple[Interval, ...]:
+    """The intervals between the values (v,) of the redundant joint at which the numbers of branches are ``counts``.
 
     An interval ends where the number of branches changes between two adjacent values; branches that appear and
     disappear between two values are not found.
     """
-    q, errors, counts, _ = sweep_many(plan, target[None], reference[None], values[None])
-    order = np.argsort(np.abs(q - reference).max(axis=1, initial=0.0), kind="stable")
 
     def count_at(value: float) -> int:
         return len(plan.solve(target, reference, value))
 
-    intervals, start, count = [], float(values[0]), int(counts[0, 0])
+    intervals, start, count = [], float(values[0]), int(counts[0])
     for i in range(len(values) - 1):
         low = float(values[i])
-        while count != counts[0, i + 1]:
+        while count != counts[i + 1]:
             # bisection to where the count ends
             high = float(values[i + 1])
             while high - low > END:
@@ -73,13 +78,13 @@ def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[_
             start = low = high
             count = count_at(high)
     intervals.append(Interval(start, float(values[-1]), count))
-    return _core.Branches(q[order], errors[order]), tuple(one for one in intervals if one.branches)
+    return tuple(one for one in intervals if one.branches)
 
 
 def sweep_many(
     plan: Plan, targets: Array, references: Array, values: Array
 ) -> tuple[Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """The branches for targets (N, 4, 4) at values (1, v) or (N, v) of the redundant joint.
+    """The branches for targets (N, 4, 4) at values (1, v) or (N, v) of the redundant joint, or (1, v, 2) of two.
 
     Returns q (b, n) and errors (b, 2), ordered by target and value, the number of branches for each target and value
     (N, v), and the number of further branches outside the limits (N, v).
@@ -89,6 +94,7 @@ def sweep_many(
     for first in range(0, len(targets), BLOCK):
         rows = slice(first, first + BLOCK)
         reference, value = (each if len(each) == 1 else each[rows] for each in (references, values))
+        value = value.reshape(*value.shape[:2], len(plan.redundant))
         q, errors, number, outside[rows], _ = plan.core.solve_batch(targets[rows], reference, value, plan.capacity)
         counts[rows] = np.maximum(number, 0)  # negative codes: the sweep covers other values of free joints
         exists = np.arange(plan.capacity) < counts[rows, :, None]
@@ -106,8 +112,9 @@ class IkBranches(IkAnswer):
     the largest joint difference from q0. Attributes are computed when they are first read.
 
     For up to six joints these are all solutions. If joints are free to move at a singular target, each such motion is
-    one of the ``families``, and its member at q0 is one of the ``branches``. For seven joints, the redundant joint is
-    swept: ``branches`` are those at the values of ``grid``, and ``intervals`` give the number of branches in between.
+    one of the ``families``, and its member at q0 is one of the ``branches``. For seven and eight joints, ``branches``
+    are those at the values of ``grid`` of the redundant joints, and if one joint is swept, ``intervals`` give their
+    number in between.
 
     Parameters
     ----------
@@ -120,7 +127,8 @@ class IkBranches(IkAnswer):
     found
         The branches of the compiled core, nearest to q0 first.
     intervals, grid
-        For seven joints: the intervals with a constant number of branches, and the values of the redundant joint.
+        The intervals with a constant number of branches of seven joints, and the values (v,) of the redundant joint, or
+        (v, 2) of two.
     """
 
     _branches: Array | None = None  # computed when first read
@@ -135,15 +143,22 @@ class IkBranches(IkAnswer):
         found: _core.Branches,
         intervals: tuple[Interval, ...] = (),
         grid: Array | None = None,
+        *,
+        swept: bool = True,
     ) -> None:
         self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
-        self._found, self.grid, self.intervals = found, grid, intervals
+        self._found, self.grid, self.intervals, self._swept = found, grid, intervals, swept
 
     @classmethod
-    def solved(cls, arm: Arm, plan: Plan, target: Array, reference: Array, grid: Array | None = None) -> IkBranches:
-        """All branches; ``grid`` are the values of the redundant joint, for an arm with one."""
+    def solved(
+        cls, arm: Arm, plan: Plan, target: Array, reference: Array, grid: Array | None = None, *, swept: bool = True
+    ) -> IkBranches:
+        """All branches; ``grid`` are the values of the redundant joints, between which one that is swept has others."""
         if grid is not None:
-            return cls(arm, plan, target, reference, *sweep(plan, target, reference, grid), grid)
+            at_values, counts = branches_at(plan, target, reference, grid)
+            swept = swept and grid.ndim == 1
+            intervals = intervals_of(plan, target, reference, grid, counts) if swept else ()
+            return cls(arm, plan, target, reference, at_values, intervals, grid, swept=swept)
         found = plan.core.solve(target, reference)
         if found is None or (found.all_free_joints and not len(found)):
             rigid("target", target)  # raises with the reason
@@ -151,7 +166,7 @@ class IkBranches(IkAnswer):
         return cls(arm, plan, target, reference, found)
 
     def _values(self) -> tuple[object, ...]:
-        return self.arm, self._plan.tolerances, self.target, self.reference, self.grid, self._selected
+        return self.arm, self._plan.tolerances, self.target, self.reference, self.grid, self._swept, self._selected
 
     def __reduce__(self) -> tuple[object, ...]:
         return _solved_again, self._values()  # the objects of the core are not pickled
@@ -209,7 +224,7 @@ class IkBranches(IkAnswer):
     @cached_property
     def _families(self) -> tuple[tuple[IkFamily, ...], bool]:
         """The families, and whether each solution with a free joint belongs to one of them."""
-        if self._plan.redundant is not None or not self._found.all_free_joints:
+        if self._plan.redundant or not self._found.all_free_joints:
             return (), True
         families, all_met = families_of(self.arm, self._plan, self.target, self.reference, self._found)
         return tuple(families), all_met
@@ -234,7 +249,7 @@ class IkBranches(IkAnswer):
         account for all 16 eigenvalues, and have no proof at targets that are singular for one of the solutions.
         """
         found = self._found
-        if self._plan.redundant is not None or found.failed or found.doubtful:
+        if self._plan.redundant or found.failed or found.doubtful:
             return False
         return not found.all_free_joints or (self.ok and self._families[1])
 
@@ -244,18 +259,21 @@ class IkBranches(IkAnswer):
         return int(self._found.outside)
 
     @property
-    def redundant_joint(self) -> str | None:
-        """The joint that is swept for an arm of seven joints, else None."""
-        return None if self._plan.redundant is None else self.arm.joint_names[self._plan.redundant]
+    def redundant_joints(self) -> tuple[str, ...]:
+        """The joints at whose values in ``grid`` the arm is solved: one of seven, two of eight, else none."""
+        return tuple(self.arm.joint_names[joint] for joint in self._plan.redundant)
 
     @property
     def message(self) -> str:
         """The number of branches, and the reason if no solution was found, as text."""
         count, outside, failed = len(self._found), self._found.outside, self._found.failed
-        if self._plan.redundant is not None:
+        if self.grid is not None:
+            names = " and ".join(self.redundant_joints)
+            if not self._swept:
+                return f"{count} configurations at {len(self.grid)} values of {names}"
             spans = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in joined(self.intervals))
             where = f"solutions exist for its values in {spans}" if spans else "no value has a solution"
-            return f"{count} configurations over a sweep of {self.redundant_joint}; {where}"
+            return f"{count} configurations over a sweep of {names}; {where}"
         text = f"{count} branch{'' if count == 1 else 'es'}"
         if outside:
             text += f", {outside} more outside the limits"
@@ -296,7 +314,8 @@ class IkBranches(IkAnswer):
 
     def _select(self, indices: list[int]) -> IkBranches:
         found = self._found.select(indices)
-        some = IkBranches(self.arm, self._plan, self.target, self.reference, found, self.intervals, self.grid)
+        known = self.target, self.reference, found, self.intervals, self.grid
+        some = IkBranches(self.arm, self._plan, *known, swept=self._swept)
         some._selected = tuple(indices if self._selected is None else (self._selected[i] for i in indices))
         return some
 
@@ -320,9 +339,10 @@ def _solved_again(
     target: Array,
     reference: Array,
     grid: Array | None,
+    swept: bool,
     selected: tuple[int, ...] | None,
 ) -> IkBranches:
-    every = IkBranches.solved(arm, plan_for(arm, *tolerances), target, reference, grid)
+    every = IkBranches.solved(arm, plan_for(arm, *tolerances), target, reference, grid, swept=swept)
     return every if selected is None else every._select(list(selected))
 
 

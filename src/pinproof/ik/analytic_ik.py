@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,8 +26,8 @@ from pinproof.spatial import SE3, Array, finite, rigid, rigid_many, rigid_matrix
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 
-NO_VALUE = np.zeros((1, 1))
-"""The values of the redundant joint of an arm without one."""
+NO_VALUE = np.zeros((1, 1, 0))
+"""The values of the redundant joints of an arm without one."""
 
 FINEST_PROOF = 1e-6
 """M or rad. IMPOSSIBLE is returned only for tolerances up to this: with larger ones, a reachable pose close to the
@@ -44,8 +45,9 @@ class AnalyticIk:
     parallel, or generate motions of one plane (Pieper's condition, ``src/core/closed_form/outer_joints.h``), the
     solution is a closed form. Otherwise, and if axes deviate after calibration, the true axes are solved by elimination
     and eigenvalues (``src/core/closed_form/elimination.h``), or with two or three prismatic joints by the roots of a
-    polynomial (``src/core/closed_form/prismatic_loop.h``). Shorter arms are completed to six joints; for arms of seven,
-    one joint is swept. Every solution is verified by forward kinematics.
+    polynomial (``src/core/closed_form/prismatic_loop.h``). Shorter arms are completed to six joints. Of seven joints,
+    one is swept: a rail or a turntable before an arm of six joints, else the one that the self-motion moves most. Of
+    eight joints, the first two are swept, such as those of a gantry. Every solution is verified by forward kinematics.
 
     References
     ----------
@@ -57,13 +59,22 @@ class AnalyticIk:
     position_tolerance: float = key("largest distance of a solution from the target", "m", default=1e-9, above=0)
     orientation_tolerance: float = key("largest angle of a solution from the target", "rad", default=1e-9, above=0)
     redundant_steps: int = key(
-        "number of values in the sweep of the redundant joint of an arm of seven joints", default=128, minimum=2
+        "number of values in the sweep of a redundant joint; two joints have about as many pairs of values",
+        default=128,
+        minimum=2,
     )
 
     engine: ClassVar[str] = "analytic"
     _latest: ClassVar[tuple[Any, Any]] = (lambda: None, None)
 
-    def solve_all(self, arm: Arm, target: SE3 | npt.ArrayLike, q0: npt.ArrayLike | None = None) -> IkBranches:
+    def solve_all(
+        self,
+        arm: Arm,
+        target: SE3 | npt.ArrayLike,
+        q0: npt.ArrayLike | None = None,
+        *,
+        redundant_values: npt.ArrayLike | None = None,
+    ) -> IkBranches:
         """All configurations of the arm within its limits that bring its tcp to the target.
 
         Parameters
@@ -75,13 +86,16 @@ class AnalyticIk:
         q0
             (n,) by default ``arm.home``. Solutions are sorted by their distance from it, and shifted by 2 pi to be
             closest to it; joints that are free at the target keep their value of q0 if possible.
+        redundant_values
+            A value or (v,) values (rad or m) of the redundant joint of an arm of seven joints, at which alone it is
+            solved; (2,) or (v, 2) for eight joints. Default: a sweep.
 
         Raises
         ------
         NoClosedForm
             If the arm has no closed form; the message states the reason and the alternative.
         InputError
-            If the target is not rigid, or q0 has the wrong shape.
+            If the target is not rigid, q0 has the wrong shape, or there are values but no redundant joint.
         """
         known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
@@ -94,10 +108,12 @@ class AnalyticIk:
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
             target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)
-        if plan.redundant is not None:
-            target, grid = np.array(rigid("target", target).homogeneous), self._grid(arm, plan, reference)
-            return IkBranches.solved(arm, plan, target, reference, grid)
-        return IkBranches.solved(arm, plan, target, reference)
+        if not plan.redundant and redundant_values is None:
+            return IkBranches.solved(arm, plan, target, reference)
+        swept = redundant_values is None
+        grid = self._grid(arm, plan, reference) if redundant_values is None else _stated(arm, plan, redundant_values)
+        target = np.array(rigid("target", target).homogeneous)
+        return IkBranches.solved(arm, plan, target, reference, grid, swept=swept)
 
     def solve_all_batch(
         self,
@@ -117,8 +133,7 @@ class AnalyticIk:
         q0
             (n,) for all targets, or (N, n); by default ``arm.home``.
         redundant_values
-            (v,) values (rad or m) of the redundant joint of an arm of seven joints; by default ``redundant_steps``
-            values over its limits, and its value in q0.
+            As for :meth:`solve_all`; by default ``redundant_steps`` values over the limits, and the value in q0.
         threads
             Number of threads; the results do not depend on it.
 
@@ -131,10 +146,9 @@ class AnalyticIk:
         plan = self._plan(arm)
         many = _poses(targets)
         references = _references(arm, plan, q0, len(many))
-        if plan.redundant is not None:
-            return self._swept_batch(arm, plan, rigid_many("targets", many), references, redundant_values)
-        if redundant_values is not None:
-            raise InputError(f"redundant_values requires an arm of 7 joints, and this arm has {arm.dof}; omit it")
+        if redundant_values is not None or plan.redundant:
+            stated = None if redundant_values is None else _stated(arm, plan, redundant_values)
+            return self._swept_batch(arm, plan, rigid_many("targets", many), references, stated)
         q, errors, counts, outside, known = (
             part[:, 0] for part in plan.core.solve_batch(many, references, NO_VALUE, plan.capacity, threads)
         )
@@ -221,7 +235,7 @@ class AnalyticIk:
         plan = self._plan(arm)
         many = rigid_many("targets", targets)
         references = _references(arm, plan, q0, len(many))
-        if accept is not None or plan.redundant is not None or plan.deviation > 0.0:
+        if accept is not None or plan.redundant or plan.deviation > 0.0:
             starts = np.broadcast_to(references, (len(many), arm.dof))
             results = [self.solve(arm, many[i], starts[i], accept=accept) for i in range(len(many))]
             return IkBatch.of(results, arm, self.engine)
@@ -259,10 +273,12 @@ class AnalyticIk:
         return resolved
 
     def _swept_batch(
-        self, arm: Arm, plan: Plan, many: Array, references: Array, given: npt.ArrayLike | None
+        self, arm: Arm, plan: Plan, many: Array, references: Array, stated: Array | None
     ) -> IkBranchesBatch:
-        if given is not None:
-            values = finite("redundant_values", given, (None,))[None]
+        if stated is not None:
+            values = stated[None]
+        elif len(plan.redundant) > 1:
+            values = self._grid(arm, plan, references[0])[None]
         else:
             grids = [self._grid(arm, plan, each) for each in references]
             most = max(map(len, grids), default=1)  # a grid that contains its reference is shorter by one value
@@ -304,15 +320,15 @@ class AnalyticIk:
             If the arm has no redundant joint or the target is not rigid.
         """
         plan = self._plan(arm)
-        if plan.redundant is None:
+        if len(plan.redundant) != 1:
             raise InputError(
-                f"self_motion requires an arm of 7 joints, and this arm has {arm.dof}; at singular targets, "
-                "solve_all(...).families contains its self-motions"
+                f"self_motion requires an arm of 7 joints, and this arm has {arm.dof}; at singular targets of up to 6 "
+                "joints, solve_all(...).families contains its self-motions"
             )
         reference = _reference(arm, plan, q0)
         matrix = np.array(rigid("target", target).homogeneous)
         tolerances = self.position_tolerance, self.orientation_tolerance
-        return self_motion_of(arm, tolerances, plan.redundant, matrix, reference, self._grid(arm, plan, reference))
+        return self_motion_of(arm, tolerances, plan.redundant[0], matrix, reference, self._grid(arm, plan, reference))
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.
@@ -323,16 +339,29 @@ class AnalyticIk:
             As :meth:`solve_all`.
         """
         plan = self._plan(arm)
-        if plan.redundant is None:
+        if len(plan.redundant) != 1:
             return None
-        return plan.redundant, self._grid(arm, plan, _reference(arm, plan, q0))
+        return plan.redundant[0], self._grid(arm, plan, _reference(arm, plan, q0))
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
-        """Values of the redundant joint: equidistant over its limits, and its value in the reference."""
-        joint = plan.redundant
-        lower, upper = (float(bound[joint]) for bound in arm.limits.sampling_range())
-        own = float(np.clip(reference[joint], lower, upper))
-        return np.unique(np.append(np.linspace(lower, upper, self.redundant_steps), own))
+        """Values (v,) or (v, 2) of the redundant joints: equidistant over the limits, and those of the reference."""
+        steps = max(round(self.redundant_steps ** (1 / len(plan.redundant))), 2)
+        axes = []
+        for joint in plan.redundant:
+            lower, upper = (float(bound[joint]) for bound in arm.limits.sampling_range())
+            own = float(np.clip(reference[joint], lower, upper))
+            axes.append(np.unique(np.append(np.linspace(lower, upper, steps), own)))
+        return axes[0] if len(axes) == 1 else np.array(list(product(*axes)))
+
+
+def _stated(arm: Arm, plan: Plan, values: npt.ArrayLike) -> Array:
+    """The stated values (v,) of the redundant joint, or (v, 2) of two; InputError if the arm has none."""
+    count = len(plan.redundant)
+    if not count:
+        raise InputError(f"redundant_values requires an arm of 7 or 8 joints, and this arm has {arm.dof}; omit it")
+    if count == 1:
+        return finite("redundant_values", np.atleast_1d(np.asarray(values)), (None,))
+    return finite("redundant_values", np.atleast_2d(np.asarray(values)), (None, count))
 
 
 def _reference(arm: Arm, plan: Plan, q0: npt.ArrayLike | None) -> Array:

@@ -6,7 +6,10 @@ a quartic and with the smallest deviation from the ideal geometry is used. The t
 or that have no triple, are solved in general position (``src/core/closed_form/general_loop.h``).
 
 A prismatic joint commutes with an adjacent revolute joint whose axis is parallel: a SCARA with the order RRPR is
-equivalent to RRRP. An arm of seven joints is considered with each joint locked in turn.
+equivalent to RRRP.
+
+Of seven joints one is *locked* at given values, of eight the first two. A rail or turntable before an arm of six joints
+is locked itself; other arms of seven joints are considered with each joint locked in turn.
 
 An arm of fewer than six joints is completed by virtual revolute joints, whose values must be zero. If two of its axes
 meet or are parallel, one virtual joint completes them to a triple; a single revolute axis needs two, and no revolute
@@ -18,7 +21,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -176,12 +179,26 @@ def _planar(first: int, three: Sequence[JointLine], size: float) -> Triple | Non
 
 # -- completion to six axes -------------------------------------------------------------------------------------------
 
+Locked = tuple[int, ...]
+"""Indices of locked joints, ascending."""
 
-def completed(lines: Order, tool: Array, size: float) -> Iterator[tuple[int | None, Order]]:
-    """Chains of six lines, or of seven with the index of the locked one."""
-    if len(lines) == 7:
-        yield from ((locked, list(lines)) for locked in range(7))
-        return
+
+def choices_of_locked(lines: Order) -> list[list[Locked]]:
+    """The sets of joints that may be locked, in groups; a group is used if none before it has a plan for all poses.
+
+    The first of seven joints is taken to be external if it is prismatic, or if its axis is parallel to the next one;
+    those of arms with seven joints are perpendicular.
+    """
+    outer = tuple(range(len(lines) - 6))
+    if len(lines) != 7:
+        return [[outer]]
+    parallel = np.linalg.norm(np.cross(lines[0].direction, lines[1].direction)) < SNAP_TOLERANCE
+    each: list[Locked] = [(joint,) for joint in range(7)]
+    return [[outer], each] if lines[0].prismatic or parallel else [each]
+
+
+def completed(lines: Order, tool: Array, size: float) -> Iterator[Order]:
+    """Chains of six lines."""
     # the orders that result from swapping adjacent joints that commute, the original order first
     orders = [lines]
     for order in orders:
@@ -192,7 +209,7 @@ def completed(lines: Order, tool: Array, size: float) -> Iterator[tuple[int | No
                     orders.append(swapped)
     for order in orders:
         for with_triple in _with_triple(order, tool, size):
-            yield None, in_general_position(with_triple, tool, size)
+            yield in_general_position(with_triple, tool, size)
 
 
 def _with_triple(lines: Order, tool: Array, size: float) -> Iterator[Order]:
@@ -255,7 +272,7 @@ def in_general_position(lines: Order, tool: Array, size: float) -> Order:
     """The lines, completed to six by virtual axes near the tcp: the best conditioned of some random draws."""
     missing = 6 - len(lines)
     best, best_value = lines, -1.0
-    for draw in range(DRAWS if missing else 0):
+    for draw in range(DRAWS if missing > 0 else 0):
         rng = np.random.default_rng(draw)
         more = [JointLine(_unit(rng), tool[:3, 3] + rng.uniform(-0.5, 0.5, 3) * size) for _ in range(missing)]
         order = [*lines, *more]
@@ -298,18 +315,18 @@ class Plan:
 
     core: _core.ClosedForm  # the solver of the compiled core
     dof: int
-    redundant: int | None  # index of the joint that is swept for an arm of seven joints
+    redundant: Locked  # indices of the joints that are locked or swept; empty for up to six joints
     deviation: float  # of the axes from the ideal geometry (rad, or fraction of the arm's size); 0 within rounding
     home: Array  # (n,) the default reference configuration
     capacity: int  # number of rows for branches in a batch
     tolerances: tuple[float, float] = UNCHECKED  # of a solution, in m and rad
 
-    def solve(self, target: Array, reference: Array, value: float = 0.0) -> _core.Branches:
-        """The branches for a pose (4, 4), at a value of the redundant joint of an arm of seven joints.
+    def solve(self, target: Array, reference: Array, *values: float) -> _core.Branches:
+        """The branches for a pose (4, 4), at the values of the redundant joints.
 
         InputError if the pose is not rigid.
         """
-        found = self.core.solve(target, reference, value)
+        found = self.core.solve(target, reference, np.array(values))
         if found is None:
             rigid("target", target)  # raises with the reason
             raise InputError("the target is not a rigid transform")
@@ -351,25 +368,28 @@ def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) 
 
 
 def _best(arm: Arm) -> Plan:
-    if arm.dof > 7:
+    if arm.dof > 8:
         raise NoClosedForm(
-            f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
+            f"no closed form: the arm has {arm.dof} joints, and at most 8 are supported; "
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
     best, best_score = None, (0, 0, 0.0, 0.0)
-    # the plan that recovers the most poses; one that is exact and recovers all needs no comparison
-    for plan in plans_of(arm):
-        score = _score(arm, plan)
-        if best is None or score > best_score:
-            best, best_score = plan, score
-        if best_score[:2] == (TRIALS, 1) and best.redundant is None and best.deviation == 0.0:
-            break
-    # no triple recovers all poses: the plans by elimination, for which it does not count that they need a quartic
-    if best_score[0] < TRIALS:
-        for plan in plans_of(arm, general=True):
+    for choices in choices_of_locked(lines_of(arm)[0]):
+        # the plan that recovers the most poses; one that is exact and recovers all needs no comparison
+        for plan in plans_of(arm, choices):
             score = _score(arm, plan)
-            if score[0] > best_score[0] or (score[0] == best_score[0] and score[2:] > best_score[2:]):
+            if best is None or score > best_score:
                 best, best_score = plan, score
+            if best_score[:2] == (TRIALS, 1) and len(choices) == 1 and best.deviation == 0.0:
+                break
+        # no triple recovers all poses: the plans by elimination, for which it does not count that they need a quartic
+        if best_score[0] < TRIALS:
+            for plan in plans_of(arm, choices, general=True):
+                score = _score(arm, plan)
+                if score[0] > best_score[0] or (score[0] == best_score[0] and score[2:] > best_score[2:]):
+                    best, best_score = plan, score
+        if best_score[0] == TRIALS:
+            break
     if best is None or best_score[0] < TRIALS // 2:
         raise NoClosedForm(
             "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
@@ -377,7 +397,7 @@ def _best(arm: Arm) -> Plan:
     return best
 
 
-def plans_of(arm: Arm, *, general: bool = False) -> Iterator[Plan]:
+def plans_of(arm: Arm, choices: Sequence[Locked] = ((),), *, general: bool = False) -> Iterator[Plan]:
     """All plans that the arm's geometry permits before they are tested, exact ones first.
 
     With ``general``, those that solve the axes by elimination, without a triple.
@@ -385,15 +405,15 @@ def plans_of(arm: Arm, *, general: bool = False) -> Iterator[Plan]:
     lines, tool = lines_of(arm)
     size = size_of(lines, tool)
     if general:
-        own = completed(lines, tool, size) if len(lines) == 7 else [(None, in_general_position(lines, tool, size))]
-        plans = (_plan(arm, order, None, locked, tool, size) for locked, order in own)
+        order = in_general_position(lines, tool, size)
+        plans = (_plan(arm, order, None, locked, tool, size) for locked in choices)
         yield from (plan for plan in plans if plan.core.plan.cuts)
         return
-    for locked, order in completed(lines, tool, size):
-        six = [line for i, line in enumerate(order) if i != locked]
+    for locked, order in product(choices, [lines] if len(lines) > 6 else completed(lines, tool, size)):
+        six = [line for i, line in enumerate(order) if i not in locked]
         for triple in sorted(find_triples(six, size), key=lambda triple: triple.deviation > EXACT):
             # a locked joint between the axes of the triple would change its geometry
-            if locked is None or not triple.first < locked < triple.first + 3:
+            if not any(triple.first < joint < triple.first + 3 for joint in locked):
                 yield _plan(arm, order, triple, locked, tool, size)
 
 
@@ -409,21 +429,20 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     found, quartic, sensitivity = 0, False, 0.0
     for q in rng.uniform(lower, upper, (TRIALS, plan.dof)):
         target = np.array(arm.forward_kinematics(q).homogeneous)
-        value = 0.0 if plan.redundant is None else float(q[plan.redundant])
-        branches = tried.solve(target, plan.home, value)
+        branches = tried.solve(target, plan.home, *q[list(plan.redundant)])
         apart = np.abs(branches.q - q)
         apart = np.where(arm.angular, np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))), apart)
         found += bool((apart.max(axis=1) < 1e-6).any()) if len(branches) else 0
         quartic = quartic or branches.by_quartic
-        if plan.redundant is not None:
-            motion = np.linalg.svd(arm.jacobian(q))[2][-1]
-            sensitivity += float(abs(motion[plan.redundant]) / np.abs(motion).max()) / TRIALS
+        if plan.redundant:
+            motion = np.abs(np.linalg.svd(arm.jacobian(q))[2][-1])
+            sensitivity += float(motion[plan.redundant[0]] / motion.max()) / TRIALS
     return found, int(not quartic), round(sensitivity, 3), -plan.deviation
 
 
-def _plan(arm: Arm, order: Order, triple: Triple | None, locked: int | None, tool: Array, size: float) -> Plan:
-    """The plan for six axes, or for seven of which one is locked; without a triple, by elimination."""
-    six = [i for i in range(len(order)) if i != locked]
+def _plan(arm: Arm, order: Order, triple: Triple | None, locked: Locked, tool: Array, size: float) -> Plan:
+    """The plan for six axes and those that are locked; without a triple, by elimination."""
+    six = [i for i in range(len(order)) if i not in locked]
     ideal, deviation, rounding = list(order), 0.0, _core.EQUATION_ROUNDING
     planar, reverse, normal = False, False, 0
     if triple is not None:
@@ -444,7 +463,8 @@ def _plan(arm: Arm, order: Order, triple: Triple | None, locked: int | None, too
     # the core computes with lengths relative to the size of the arm
     tool_in_lengths = tool.copy()
     tool_in_lengths[:3, 3] /= size
-    eliminated = triple is None or (deviation > 0.0 and locked is None)
+    # the first branches of an arm of seven suffice, but those of an arm on a rail are all wanted
+    eliminated = triple is None or (deviation > 0.0 and locked == tuple(range(len(order) - 6)))
     core_plan = _core.ArmPlan(
         chain=arm.chain,
         size=size,
@@ -454,13 +474,13 @@ def _plan(arm: Arm, order: Order, triple: Triple | None, locked: int | None, too
         planar=planar,
         reversed=reverse,
         normal=normal,
-        locked=-1 if locked is None else locked,
+        locked=list(locked),
         border=max(BORDER, 20.0 * deviation),
         spread=20.0 * deviation,
         rounding=rounding,
         true_joints=_planned(arm, order, size) if eliminated else [],
     )
-    redundant = None if locked is None else order[locked].joint
+    redundant = tuple(order[joint].joint for joint in locked)
     capacity = MOST_BRANCHES * (1 if triple is not None and deviation == 0.0 else 2)
     return Plan(_core.ClosedForm(core_plan), arm.dof, redundant, deviation, arm.home, capacity)
 

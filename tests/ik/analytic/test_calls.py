@@ -170,22 +170,22 @@ def test_one_solver_can_be_used_for_several_arms(ur5, generic):
 
 def test_an_arm_without_a_closed_form_is_searched_only_once(monkeypatch):
     """The search takes up to a second, and the stages of a pick ask hundreds of times."""
-    arm = arm_of([Axis(unit(np.random.default_rng(2)), np.zeros(3)) for _ in range(8)])
+    arm = arm_of([Axis(unit(np.random.default_rng(2)), np.zeros(3)) for _ in range(9)])
     searched = []
     best = plan._best
     monkeypatch.setattr(plan, "_best", lambda each: searched.append(each) or best(each))
     for _ in range(3):
-        with pytest.raises(NoClosedForm, match="8 joints"):
+        with pytest.raises(NoClosedForm, match="9 joints"):
             pp.AnalyticIk().solve_all(arm, pp.pose())
     assert searched == [arm]
 
 
-def test_four_prismatic_joints_mimic_and_eight_joints_have_no_closed_form():
+def test_four_prismatic_joints_mimic_and_nine_joints_have_no_closed_form():
     rng = np.random.default_rng(0)
     for arm, message in (
         (arm_of(others(rng, "RPPPPR", square=False)), "singular in every configuration"),
         (arm_of(others(rng, "RRRR", square=False), mimic='<mimic joint="j2" multiplier="0.5"/>'), "mimic"),
-        (arm_of([Axis(unit(rng), rng.uniform(-0.5, 0.5, 3)) for _ in range(8)]), "8 joints"),
+        (arm_of([Axis(unit(rng), rng.uniform(-0.5, 0.5, 3)) for _ in range(9)]), "9 joints"),
     ):
         with pytest.raises(NoClosedForm, match=message):
             pp.AnalyticIk().solve_all(arm, pp.pose((0.1, 0.2, 0.3)))
@@ -206,7 +206,7 @@ def test_seven_joints_have_the_generating_configuration_at_its_redundant_value(n
 
 
 def redundant(arm):
-    return pp.AnalyticIk(redundant_steps=2).solve_all(arm, arm.forward_kinematics(arm.home)).redundant_joint
+    return pp.AnalyticIk(redundant_steps=2).solve_all(arm, arm.forward_kinematics(arm.home)).redundant_joints[0]
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
@@ -215,7 +215,7 @@ def test_interval_ends_of_seven_joints_are_where_the_number_of_branches_changes(
     q = random_configurations(arm, 1, seed=5)[0]
     target = arm.forward_kinematics(q)
     found = pp.AnalyticIk(redundant_steps=64).solve_all(arm, target, q)
-    joint = arm.joint_names.index(found.redundant_joint)
+    joint = arm.joint_names.index(found.redundant_joints[0])
     lower, upper = arm.limits.lower[joint], arm.limits.upper[joint]
     assert any(one.lower - 1e-9 <= q[joint] <= one.upper + 1e-9 for one in found.intervals)
     for row in found.branches:

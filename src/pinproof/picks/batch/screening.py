@@ -29,7 +29,7 @@ from pinproof.model import Arm
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Pick, family
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.input.sources import PickSource, as_source
-from pinproof.picks.judging.configurations import SWEEP, TURN, has_closed_form, limit_margin, turned_inside, widened
+from pinproof.picks.judging.configurations import TURN, has_closed_form, limit_margin, sweep, turned_inside, widened
 from pinproof.picks.judging.grasp import reach, screen
 from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, checker_of_picks
 from pinproof.picks.judging.verdict import Stage
@@ -134,14 +134,15 @@ def rounds_for(arm: Arm, home: Array, *, attempts: int, rng: int, why: bool) -> 
     if has_closed_form(arm, most=7):
         # The values of the redundant joint at which a pick is judged. Sorting by the reversed binary digits of the
         # index places neighbouring values far apart, so that few of them find most poses
-        joint, values = SWEEP.redundant_grid(arm, home) or (0, home[:0])
+        swept = sweep(arm)
+        joint, values = swept.redundant_grid(arm, home) or (0, home[:0])
         spread = values[np.argsort([int(f"{k:010b}"[::-1], 2) for k in range(len(values))])]
-        rounds = [(Wanted.OPEN, branches(SWEEP, few)) for few in np.split(spread, np.cumsum(GROUPS)) if len(few)]
+        rounds = [(Wanted.OPEN, branches(swept, few)) for few in np.split(spread, np.cumsum(GROUPS)) if len(few)]
         rounds.append((Wanted.UNREACHED, search(arm, home, rng)))
         # Configurations outside the limits are found on the rest of a full rotation
         step = float(np.diff(values).max(initial=TURN))
         if why and arm.angular[joint] and len(rest := np.arange(values[-1] + step, values[0] + TURN, step)):
-            rounds.append((Wanted.UNREACHED, branches(SWEEP, rest)))
+            rounds.append((Wanted.UNREACHED, branches(swept, rest)))
         return rounds
 
     # A pose that the first search did not reach with all its restarts is unlikely to be reached from another start

@@ -16,8 +16,11 @@ from pinproof.model import AT_LIMIT, Arm, JointLimits
 from pinproof.motion import least_times
 from pinproof.spatial import Array
 
-SWEEP = AnalyticIk(redundant_steps=24)
-"""The solver for arms of seven joints: 24 values of the redundant joint, 15 degrees apart for a full rotation."""
+SWEPT = 24
+"""Number of values of a revolute redundant joint: 15 degrees apart for a full rotation."""
+
+ALONG_RAIL, FEWEST = 0.18, 8
+"""M: distance of the values of a rail, and their least number."""
 
 REDUNDANT = 7
 """Number of joints of an arm whose IK solutions for a pose are curves."""
@@ -55,6 +58,15 @@ def has_closed_form(arm: Arm, most: int = 6) -> bool:
     return True
 
 
+@lru_cache(maxsize=16)
+def sweep(arm: Arm) -> AnalyticIk:
+    """The solver for an arm of seven joints, with the number of values of its redundant joint."""
+    grid = AnalyticIk().redundant_grid(arm)
+    if grid is None or arm.angular[grid[0]]:
+        return AnalyticIk(redundant_steps=SWEPT)
+    return AnalyticIk(redundant_steps=max(round(float(np.ptp(grid[1])) / ALONG_RAIL) + 1, FEWEST))
+
+
 def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.NDArray[np.int64], Array]:
     """Configurations within the limits at targets ``base_from_tcp`` (N, 4, 4).
 
@@ -62,7 +74,7 @@ def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.N
     full rotations nearest to q0 (n,). ``rng`` is the seed of the search for arms without a closed form.
     """
     if has_closed_form(arm, most=7):
-        found = SWEEP.solve_all_batch(arm, targets, q0)
+        found = sweep(arm).solve_all_batch(arm, targets, q0)
         row, column = np.nonzero(np.isfinite(found.q[:, :, 0]))
         return row, np.ascontiguousarray(found.q[row, column])
     many = [Clik().solve_many(arm, T, q0, rng=rng, count=SAMPLES, attempts=STARTS).q for T in targets]

@@ -2,24 +2,31 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.errors import InputError, TrajectoryError, UnknownNameError
 from pinproof.motion import (
     Blend,
+    CheckInput,
     JointMap,
     JointMove,
     LinearMove,
+    Remark,
     RobotProgram,
+    SetLoad,
     SetOutput,
     StreamedPoint,
+    ToolData,
+    UserFrame,
     Wait,
+    external_joints,
     make_program,
     moves_along,
 )
@@ -135,9 +142,9 @@ def test_a_removed_or_added_line_is_refused(dialect):
     [
         ("urscript", "  movel(p[0.1, 0.2, 0.3, 0, 0, 0], a=1.2, v=0.25)"),
         ("rapid", "    MoveL p10, v100, fine, tool0;"),
-        ("krl", "  LIN {X 100,Y 0,Z 300,A 0,B 0,C 0} C_DIS"),
-        ("fanuc", ":L P[1] 100mm/sec FINE ;"),
-        ("urscript", "  movel([0, 0, 0, 0, 0, 0], t=1.0, r=0.01)"),
+        ("krl", "  LIN {X 100,Y 0,Z 300,A 0,B 0,C 0} C_ORI"),
+        ("fanuc", ":L P[1] 100cm/min FINE ;"),
+        ("urscript", "  movel([0, 0, 0, 0, 0, 0], t=1.0, r=0.01, a=1)"),
         ("urscript", "  movec(p[0, 0, 0, 0, 0, 0], p[0, 0, 0, 0, 0, 0])"),
     ],
 )
@@ -304,8 +311,8 @@ def test_a_second_routine_and_code_behind_the_end_are_refused(dialect, place):
     [
         # the name of an instruction as that of the program
         *(("urscript", "def motion", f"def {name}") for name in ("movej", "end", "1")),
-        ("rapid", "MODULE motion", "MODULE MoveAbsJ"), ("rapid", "MODULE motion", "MODULE main"),
-        ("rapid", "PROC main", "PROC aux"), ("krl", "DEF motion", "DEF BAS"), ("krl", "DEF motion", "DEF ptp"),
+        ("rapid", "MODULE m_motion", "MODULE MoveAbsJ"), ("rapid", "MODULE m_motion", "MODULE main"),
+        ("rapid", "PROC motion", "PROC aux"), ("krl", "DEF motion", "DEF BAS"), ("krl", "DEF motion", "DEF ptp"),
         # a value outside the range of its instruction
         ("urscript", "sleep(0.250000)", "sleep(-0.25)"), ("urscript", "sleep(0.250000)", f"sleep({'9' * 400})"),
         ("urscript", "t=1.500000", f"t={'9' * 400}"), ("urscript", "t=1.500000", "t=1e-3"),
@@ -315,8 +322,8 @@ def test_a_second_routine_and_code_behind_the_end_are_refused(dialect, place):
         ("rapid", "z10", "z7"), ("rapid", "z10", "z999"),
         ("krl", "WAIT SEC 0.2500", "WAIT SEC -0.25"), ("krl", "  BAS(#INITMOV,0)\n", ""),
         ("krl", "  BAS(#VEL_CP,0.1)\n", ""), ("krl", "#VEL_CP,0.1", "#VEL_CP,100"), ("krl", "#VEL_CP,0.1", "#VEL_CP,0"),
-        ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CPTP=50", "CPTP=0"), ("krl", "CPTP=50", "CPTP=500"),
-        ("krl", "  $APO.CPTP=50\n", "  $APO.CPTP=50\n  BAS(#INITMOV,0)\n"),
+        ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CPTP=100", "CPTP=0"), ("krl", "CPTP=100", "CPTP=500"),
+        ("krl", "  $APO.CPTP=100\n", "  $APO.CPTP=100\n  BAS(#INITMOV,0)\n"),
         ("krl", "  WAIT SEC", "  $APO.CPTP=5\n  WAIT SEC"),
         ("fanuc", "WAIT 0.25(sec)", "WAIT -0.25(sec)"), ("fanuc", " 5%", " 0%"), ("fanuc", " 5%", " 101%"),
         ("fanuc", "CNT50", "CNT101"), ("fanuc", "1500msec", f"{'9' * 400}msec"), ("fanuc", "J P[2]", "J P[02]"),
@@ -392,13 +399,258 @@ def test_a_goal_of_ros_with_other_contents_is_refused(change):
 
 @pytest.mark.parametrize(("stated", "share"), [("", 0.5), ("$APO.CPTP=50", 0.25), ("$APO.CPTP=100", 0.5)])
 def test_an_approximated_move_of_krl_uses_up_to_half_of_its_segments_if_no_share_is_stated(stated, share):
-    rules, move = DIALECTS["krl"].move_rules(6), "PTP {A1 1.0,A2 2.0,A3 3.0,A4 4.0,A5 5.0,A6 6.0}"
+    text = make_program([JointMove(q) for q in np.eye(6)[:3]], NAMES, dialect="krl").text
+    lines = [line + " C_PTP" * line.startswith("  PTP") for line in text.split("\n")]
+    edited = "\n".join(lines).replace("$APO.CPTP=100", stated)
+    moves = RobotProgram.parse(edited, dialect="krl", allow_changes=True).moves
+    assert [move.blend.share for move in moves] == [share] * 3
+    assert [move.blend for move in RobotProgram.parse(text, dialect="krl").moves] == [None] * 3
 
-    def read(line):
-        found, step = next((match, step) for pattern, step in rules if (match := re.fullmatch(pattern, line)))
-        return step(found, 1)
 
-    if stated:
-        read(stated)
-    assert read(f"{move} C_PTP").blend.share == share
-    assert read(move).blend is None
+# -- tools, loads, frames, sensors and external axes ------------------------------------------------------------------
+
+RAIL = {"rail": "mm", "table": "deg"}
+INPUT = {"urscript": "3", "rapid": "di_part", "krl": "3", "fanuc": "3"}
+LENGTH = {"urscript": 1e-6, "rapid": 1e-7, "krl": 1e-8, "fanuc": 1e-6}
+"""m: half of the last decimal of the lengths of a tool or frame, and more for their rotation."""
+
+values = st.floats(-1, 1)
+vectors = st.tuples(values, values, values)
+poses = st.builds(pp.pose, vectors, st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+times = st.floats(0.05, 30).map(lambda x: round(x, 2))
+words = st.text(max_size=24)
+
+
+@st.composite
+def programs(draw, dialect):
+    """The arguments of a random program."""
+    external = {} if dialect == "urscript" else draw(st.sampled_from([{}, RAIL, {"rail": "mm"}]))
+    names = (*external, *NAMES)
+    q = st.lists(st.floats(-3, 3), min_size=len(names), max_size=len(names)).map(np.array)
+    blend = st.sampled_from([None, DIALECTS[dialect].blend])
+    percent = st.integers(1, 100)
+    joint = {
+        "krl": st.builds(JointMove, q, blend=blend, percent=percent),
+        "fanuc": st.builds(JointMove, q, blend=blend, percent=percent) | st.builds(JointMove, q, times, blend),
+        "rapid": st.builds(JointMove, q, times, blend),
+        "urscript": st.builds(JointMove, q, times, blend) | st.builds(JointMove, q, blend=blend, speed=times),
+    }[dialect]
+    speed = st.floats(0.01, 2).map(lambda x: round(x, 3))
+    line = st.builds(LinearMove, q, poses, speed=speed, blend=blend)
+    if dialect != "krl":
+        line |= st.builds(LinearMove, q, poses, times, blend=blend)
+    parts = st.none() | st.builds(pp.Payload, st.floats(0.01, 5), vectors)
+    step = st.one_of(
+        joint, line, st.builds(SetOutput, st.just(OUTPUT[dialect]), st.booleans()), st.builds(Wait, times),
+        st.builds(CheckInput, st.just(INPUT[dialect]), st.booleans(), times, error=st.sampled_from(["", "recover"])),
+        st.builds(SetLoad, parts), st.builds(Remark, words),
+    )  # fmt: skip
+    tool = draw(st.none() | st.builds(ToolData, st.just("gripper"), poses, st.floats(0.001, 5), vectors))
+    frame = None if dialect == "urscript" else draw(st.none() | st.builds(UserFrame, st.just("bin"), poses))
+    steps = [JointMove(draw(q)), *draw(st.lists(step, max_size=12))]
+    return steps, {"tool": tool, "frame": frame, "external_joints": external, "joint_names": names}
+
+
+def close(one, other, tolerance):
+    return np.abs(np.asarray(one) - np.asarray(other)).max(initial=0) <= tolerance
+
+
+@every_language
+@settings(max_examples=40, deadline=None, phases=(Phase.generate,))
+@given(data=st.data())
+def test_what_is_written_is_read_back_to_the_last_decimal(dialect, data):
+    steps, stated = data.draw(programs(dialect))
+    program, unit = make_program(steps, dialect=dialect, **stated), RESOLUTION[dialect]
+    assert [type(step) for step in program.steps] == [type(step) for step in steps]
+    tool, frame = stated["tool"], stated["frame"]
+    for one, other, facts in (
+        (program.tool, tool, lambda each: (each.name, each.tcp)),
+        (program.frame, frame, lambda each: (each.name, each.pose)),
+    ):  # fmt: skip
+        assert (one is None) == (other is None)
+        if other is not None:
+            (name, read), (_, wrote) = facts(one), facts(other)
+            assert name == other.name
+            assert close(read.translation, wrote.translation, LENGTH[dialect])
+            assert close(read.rotation, wrote.rotation, 2e-5 if dialect == "fanuc" else 3e-8)
+    if tool is not None:
+        assert close([program.tool.mass, *program.tool.center_of_mass], [tool.mass, *tool.center_of_mass], 6e-4)
+    for wrote, read in zip(steps, program.steps, strict=True):
+        if isinstance(wrote, JointMove):
+            assert close(read.q, wrote.q, unit)
+            assert (read.blend is None) == (wrote.blend is None)
+            assert wrote.percent in (None, read.percent)
+            assert wrote.duration in (None, pytest.approx(read.duration, abs=1e-3))
+        elif isinstance(wrote, LinearMove):
+            assert (read.blend is None) == (wrote.blend is None)
+            assert (wrote.speed, wrote.duration) == (
+                pytest.approx(read.speed, abs=1e-3), pytest.approx(read.duration, abs=1e-3),
+            )  # fmt: skip
+            if dialect == "krl":
+                assert close(read.pose.homogeneous, wrote.pose.homogeneous, 1e-6)
+                rail = wrote.q[: len(stated["external_joints"])]
+                assert read.external is None if not len(rail) else close(read.external, rail, unit)
+            else:
+                assert close(read.q, wrote.q, unit)
+        elif isinstance(wrote, SetLoad):
+            assert (read.payload is None) == (wrote.payload is None)
+            if wrote.payload is not None:
+                assert read.payload.mass == pytest.approx(wrote.payload.mass, abs=1e-3)
+                # rounding of the masses of tool and part moves the centre of mass of the part
+                error = 2e-6 + 4e-3 * (1 + (tool.mass if tool else 0)) / wrote.payload.mass
+                assert close(read.payload.center_of_mass, wrote.payload.center_of_mass, error)
+        elif isinstance(wrote, Remark):
+            assert all(" " <= character <= "~" and character != ";" for character in read.words)
+        else:
+            assert replace(read, line=0) == wrote
+
+
+@pytest.mark.parametrize("dialect", ["rapid", "krl", "fanuc"])
+def test_a_rail_and_a_turntable_are_external_axes_in_millimetres_and_degrees(dialect):
+    q = np.array([1.2345, np.pi / 4, *np.zeros(6)])
+    program = make_program([JointMove(q)], (*RAIL, *NAMES), dialect=dialect, external_joints=RAIL)
+    wanted = {
+        "rapid": "],[1234.5000,45.0000,9E9,9E9,9E9,9E9]]",
+        "krl": ",E1 1234.5000,E2 45.0000}",
+        "fanuc": "   GP2:\n    UF : 0, UT : 1,\n    J1 = 1234.500 mm, J2 = 45.000 deg\n",
+    }[dialect]
+    assert wanted in program.text
+    assert ("DEFAULT_GROUP = 1,1,*,*,*;" in program.text) == (dialect == "fanuc")
+    assert close(program.moves[0].q, q, 1e-9)
+    assert program.external_joints == RAIL
+    # The coupling of joints is that of the robot
+    mapping = JointMap(-np.ones(6), np.zeros(6), coupling=-1.0)
+    bent = np.array([1.0, 0.5, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    mapped = make_program([JointMove(bent)], (*RAIL, *NAMES), dialect=dialect, external_joints=RAIL, joint_map=mapping)
+    assert close(mapped.moves[0].q, bent, 2 * RESOLUTION[dialect])
+
+
+def test_external_joints_are_the_prismatic_ones_before_the_robot():
+    class Rail:
+        joint_names, angular = ("x", "y", *NAMES), np.array([False, False, *[True] * 6])
+
+    assert external_joints(Rail) == {"x": "mm", "y": "mm"}
+    for dialect in ("rapid", "krl", "fanuc"):
+        assert DIALECTS[dialect].refuses(Rail, external_joints(Rail)) == ""
+    assert "external axes" in DIALECTS["urscript"].refuses(Rail, external_joints(Rail))
+    panda = pp.load_robot("panda").arm()
+    with pytest.raises(InputError, match="panda_joint1"):
+        external_joints(panda)
+    assert external_joints(panda, ["panda_joint1"]) == {"panda_joint1": "deg"}
+    with pytest.raises(UnknownNameError):
+        external_joints(panda, ["rail"])
+    with pytest.raises(InputError, match="external axes"):
+        make_program([JointMove(np.zeros(7))], ("rail", *NAMES), dialect="urscript", external_joints={"rail": "mm"})
+
+
+@every_language
+def test_two_programs_have_names_of_their_own(dialect):
+    language = DIALECTS[dialect]
+    names = list[str]()
+    for name in ("bolt 1", "bolt-1", "Bolt_1", "b" * 99, "b" * 98 + "c", "main", "while", "9\u00fc", "tool0"):
+        names.append(language.identifier(name, names))
+    assert len({name.lower() for name in names}) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) and len(name) <= language.longest for name in names)
+    texts = [some_program(dialect, name=name).text for name in names[:2]]
+    routines = [set(re.findall(r"(?:def|PROC|DEF|MODULE|/PROG) +(\w+)", text)) for text in texts]
+    assert not routines[0] & routines[1]
+    assert "PROC main" not in "".join(texts)
+
+
+@every_language
+def test_a_main_routine_calls_the_programs_in_order(dialect):
+    language = DIALECTS[dialect]
+    if dialect == "urscript":
+        with pytest.raises(InputError, match="one program"):
+            language.main(["a", "b"])
+        return
+    text = language.main(["home", "bolt_1"])
+    calls = [
+        name.lower() for name in re.findall(r"^(?:[ \d:]+(?:CALL )?)(home|bolt_1)(?:\(\)|;| ;)", text, re.M | re.I)
+    ]
+    assert calls == ["home", "bolt_1"]
+    assert (
+        text
+        == {
+            "rapid": "MODULE m_main\n  PROC main()\n    home;\n    bolt_1;\n  ENDPROC\nENDMODULE\n",
+            "krl": "DEF main()\n  EXT home()\n  EXT bolt_1()\n  home()\n  bolt_1()\nEND\n",
+            "fanuc": '/PROG  MAIN\n/ATTR\nCOMMENT = "pinproof";\nDEFAULT_GROUP = 1,*,*,*,*;\n/MN\n   1:  CALL HOME ;\n'
+            "   2:  CALL BOLT_1 ;\n/POS\n/END\n",
+        }[dialect]
+    )
+
+
+def full_text(dialect):
+    """A program with every construct."""
+    tool = ToolData("gripper", pp.pose((0.0, 0.01, 0.17), (0.1, 0.2, 0.3)), 1.25, (0.0, 0.0, 0.06))
+    frame = None if dialect == "urscript" else UserFrame("bin", pp.pose((0.5, 0.1, 0.0)))
+    sensor = CheckInput(INPUT[dialect], True, 1.5, error="recover")
+    part = SetLoad(pp.Payload(0.5, (0.0, 0.0, 0.2)))
+    steps = [*some_steps(dialect), sensor, part, Remark("retreat"), SetLoad(None)]
+    return make_program(steps, NAMES, dialect=dialect, tool=tool, frame=frame).text
+
+
+@pytest.mark.parametrize(
+    ("dialect", "before", "after"),
+    [
+        # a tool or frame that is not declared, declared twice or later, or another one in a move
+        ("rapid", "LOCAL PERS tooldata", "! PERS tooldata"), ("rapid", "fine, t_gripper", "fine, tool0"),
+        ("rapid", "fine, t_gripper", "fine, t_other"), ("rapid", "WObj:=w_bin", "WObj:=wobj0"),
+        ("rapid", "GripLoad load_1", "GripLoad load_2"), ("rapid", "[FALSE,TRUE,", "[TRUE,TRUE,"),
+        ("rapid", "[TRUE,[[", "[FALSE,[["), ("rapid", "loaddata load_1", "loaddata load_2"),
+        ("krl", "  $TOOL=", "  ; $TOOL="), ("krl", "  $BASE=", "  ; $BASE="),
+        ("krl", "  $APO.CPTP=100\n", "  $APO.CPTP=100\n  $BASE={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}\n"),
+        ("urscript", "  set_tcp(", "  # set_tcp("),
+        ("urscript", "sleep(0.25", "set_tcp(p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])\n  sleep(0.25"),
+        ("fanuc", "UTOOL_NUM=1", "UTOOL_NUM=2"), ("fanuc", "UFRAME_NUM=1", "UFRAME_NUM=0"),
+        ("fanuc", "!Z 170.000", "!Z 17O.000"),
+        ("fanuc", "  PAYLOAD[2]", "  PAYLOAD[3]"), ("fanuc", "UF : 1", "UF : 0"),
+        # a check of the sensor without its branch, for another time, state or label
+        ("rapid", "      EXIT;\n", ""), ("rapid", "IF timed_out THEN", "IF TRUE THEN"), ("rapid", "EXIT;", "RETURN;"),
+        ("krl", "    HALT\n", ""), ("krl", "$TIMER[1]=-1500", "$TIMER[1]=1500"),
+        ("krl", "IF $IN[3]<>TRUE", "IF $IN[4]<>TRUE"),
+        ("krl", "IF $IN[3]<>TRUE", "IF $IN[3]<>FALSE"), ("krl", "ENDLOOP", "END"),
+        ("urscript", "halt", "sync()"), ("urscript", "waited > 1.5", "waited < 1.5"),
+        ("urscript", "waited = 0\n", ""), ("fanuc", "ABORT", "PAUSE"),
+        ("fanuc", "TIMEOUT,LBL[1]", "TIMEOUT,LBL[2]"), ("fanuc", "JMP LBL[2]", "JMP LBL[1]"),
+        ("fanuc", "  LBL[2]", "  LBL[3]"),
+    ],
+)  # fmt: skip
+def test_a_declaration_or_a_check_that_was_broken_is_refused(dialect, before, after):
+    text = full_text(dialect)
+    assert before in text
+    RobotProgram.parse(text, dialect=dialect)
+    assert refused(text.replace(before, after, 1), dialect)
+
+
+@every_language
+def test_every_edited_line_of_a_complete_program_is_noticed(dialect):
+    lines = full_text(dialect).rstrip("\n").split("\n")
+    for k, line in enumerate(lines):
+        with pytest.raises(TrajectoryError):
+            RobotProgram.parse("\n".join([*lines[:k], line + "1", *lines[k + 1 :]]), dialect=dialect)
+        with pytest.raises(TrajectoryError):
+            RobotProgram.parse("\n".join([*lines[:k], *lines[k + 1 :]]), dialect=dialect)
+
+
+def test_a_frame_is_refused_where_a_language_has_none():
+    with pytest.raises(InputError, match="frame"):
+        make_program([JointMove(np.zeros(6))], NAMES, dialect="urscript", frame=UserFrame("bin", pp.pose()))
+
+
+def test_poses_of_krl_are_stated_in_the_frame():
+    frame = UserFrame("bin", pp.pose((0.5, 0.1, 0.2), (0.0, 0.0, np.pi / 2)))
+    line = LinearMove(None, frame.pose * pp.pose((0.1, 0.2, 0.3), (0.0, 0.0, 0.5)), speed=0.2)
+    text = make_program([JointMove(np.zeros(6)), line], NAMES, dialect="krl", frame=frame).text
+    assert "LIN {X 100.00000,Y 200.00000,Z 300.00000,A 28.64789,B 0.00000,C 0.00000}" in text
+
+
+def test_the_load_of_rapid_is_that_of_the_part_in_the_axes_of_the_tool():
+    """Other languages state tool and part together, at the flange."""
+    tool = ToolData("gripper", pp.pose((0.0, 0.0, 0.1), (np.pi, 0.0, 0.0)), 1.0, (0.0, 0.0, 0.05))
+    steps = [JointMove(np.zeros(6)), SetLoad(pp.Payload(0.5, (0.0, 0.0, 0.11))), SetLoad(None)]
+    texts = {dialect: make_program(steps, NAMES, dialect=dialect, tool=tool).text for dialect in MOVING}
+    assert "load_1:=[0.5000,[0.0000,0.0000,-10.0000]" in texts["rapid"]
+    assert "set_target_payload(1.500000, [0.000000, 0.000000, 0.070000])" in texts["urscript"]
+    assert texts["krl"].count("$LOAD={M 1.000000,CM {X 0.000000,Y 0.000000,Z 50.000000") == 2
+    assert "!PAYLOAD 2 1.500kg ;" in texts["fanuc"]

@@ -27,7 +27,9 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
 from pinproof.motion.dialects.dialect import (
+    NAME,
     Blend,
+    Heading,
     JointMove,
     LinearMove,
     Move,
@@ -182,7 +184,7 @@ class RobotProgram:
             if foreign := re.search(r"[^\x00-\x7F]", instruction):
                 reason = f"{foreign[0]!r} is not an ASCII character; only comments may contain others"
                 raise TrajectoryError(source, reason, f"line {row}, column {foreign.start() + 1}")
-        stated, hashes, mapping = _read_header(source, header, dialect)
+        stated, hashes, mapping, declared = _read_header(source, header, dialect)
         # The index of the first line that differs from what was written.
         present = [_hash(words) for _, words in body]
         changed = next((k for k, (was, now) in enumerate(zip_longest(hashes, present)) if was != now), None)
@@ -195,13 +197,14 @@ class RobotProgram:
                 "--allow-changes, or allow_changes=True",
                 f"line {line}",
             )
-        steps = [_mapped(s, mapping.from_controller) for s in language.read(source, body, len(stated.joint_names))]
-        if any(isinstance(s, StreamedTrajectory) and s.record.joint_names != stated.joint_names for s in steps):
-            raise TrajectoryError(source, f"its joints are not {', '.join(stated.joint_names)}, as its comments state")
+        heading = Heading(stated.name, stated.joint_names, stated.external_joints, *declared)
+        steps = [_mapped(step, mapping.from_controller, heading) for step in language.read(source, body, heading)]
         if not any(isinstance(step, Move) for step in steps):
             raise TrajectoryError(source, "the program has no move")
         certificate = "" if changed is not None else stated.certificate
-        return replace(stated, steps=tuple(steps), certificate=certificate, text=text)
+        return replace(
+            stated, steps=tuple(steps), certificate=certificate, text=text, tool=heading.tool, frame=heading.frame
+        )
 
     @classmethod
     def load(cls, path: str | Path, *, allow_changes: bool = False) -> RobotProgram:
@@ -240,35 +243,46 @@ def make_program(
     uncovered: str = "",
     joint_map: JointMap | None = None,
     picks: Sequence[ProgramPick] = (),
+    tool: ToolData | None = None,
+    frame: UserFrame | None = None,
+    external_joints: Mapping[str, str] | None = None,
 ) -> RobotProgram:
     """Write a program and parse it back; the result has the numbers of the text, with their rounding.
 
-    ``uncovered`` states in the comments what the certificate does not cover, ``picks`` what the program executes.
+    ``uncovered`` states in the comments what the certificate does not cover, ``picks`` what the program executes, and
+    ``external_joints`` the joints that the controller moves as external axes (:func:`external_joints`). The joint map
+    has the joints of the robot. Names that the language does not permit are changed to ASCII and shortened.
 
     Raises
     ------
     InputError
-        If the language cannot express a step or the number of joints.
+        If the language cannot express a step, the number of joints, or external axes.
     """
     language = find_dialect(dialect)
     names = checked_joint_names(joint_names)
-    if language.joints is not None and len(names) != language.joints:
-        raise InputError(f"a program in {dialect} needs {language.joints} joints; the arm has {len(names)}")
+    external = dict(external_joints or {})
+    if reason := language.refuses_joints(names, external):
+        raise InputError(reason)
     if spaced := [joint for joint in names if len(joint.split()) != 1]:
         raise InputError(f"the name of joint {spaced[0]!r} has spaces, which the comments of a program cannot state")
     require_positive("deviation (rad)", deviation, zero=True)
-    mapping = joint_map or JointMap.identity(len(names))
-    if len(mapping.signs) != len(names):
-        raise InputError(f"the joint map has {len(mapping.signs)} joints; the arm has {len(names)}")
+    mapping = joint_map or JointMap.identity(len(names) - len(external))
+    if len(mapping.signs) != len(names) - len(external):
+        raise InputError(f"the joint map has {len(mapping.signs)} joints; the robot has {len(names) - len(external)}")
     if not mapping.is_identity and any(isinstance(step, StreamedTrajectory) for step in steps):
         raise InputError(f"a program in {dialect} uses the joint values of the model; remove the joint map")
-    name = re.sub(r"\W", "_", name, flags=re.ASCII) or "motion"
-    name = name if name[0].isalpha() else f"p{name}"
-    mapped = [_mapped(step, mapping.to_controller) for step in steps]
-    before, body, after = language.write(name, mapped)
-    if language.ambiguous_name((*before, *body, *after)):
-        name += "_program"
-        before, body, after = language.write(name, mapped)
+    tool = tool and replace(tool, name=language.identifier(tool.name))
+    frame = frame and replace(frame, name=language.identifier(frame.name))
+    heading = Heading(language.identifier(name or "motion"), names, external)
+    own = (tool.name if tool else "", frame.name if frame else "", tool, frame)
+    for k in range(2):
+        heading = Heading(heading.name, names, external, *own)
+        before, body, after = language.write(heading, [_mapped(step, mapping.to_controller, heading) for step in steps])
+        if k == 0 and language.names_itself(heading, (*before, *body, *after)):
+            heading.name = language.identifier(f"{heading.name}_program")
+        else:
+            break
+    name = heading.name
     # Remarks are numbered in some languages, so the comments are written before the hashes of the lines are known.
     hashes = [_hash(words) for words in (*before, *body, *after)]
     entries = {
@@ -285,6 +299,9 @@ def make_program(
         entries["not covered"] = json.dumps(uncovered)[1:-1].replace(";", ",")
     if not mapping.is_identity:
         entries["map"] = str(mapping)
+    if external:
+        entries["external"] = " ".join(f"{joint}={unit}" for joint, unit in external.items())
+    entries |= {what: each.name for what, each in (("tool", tool), ("frame", frame)) if each is not None}
     if picks:
         rows = [[pick.name, pick.member, [list(motion) for motion in pick.motions]] for pick in picks]
         entries["picks"] = json.dumps(rows).replace(";", "\\u003b")
@@ -354,10 +371,12 @@ def moves_along(
     return moves
 
 
-def _mapped(step: Step, convert: Callable[[Array], Array]) -> Step:
-    """The step with other joint values."""
+def _mapped(step: Step, convert: Callable[[Array], Array], heading: Heading) -> Step:
+    """The step with other values of the joints of the robot."""
     if isinstance(step, JointMove | LinearMove | StreamedPoint) and step.q is not None:
-        return replace(step, q=read_only(convert(step.q)))
+        q = finite("q", step.q, (len(heading.joints),))
+        q[heading.robot] = convert(q[heading.robot])
+        return replace(step, q=read_only(q))
     return step
 
 
@@ -412,7 +431,7 @@ def _split(language: Dialect, source: str, lines: Sequence[str]) -> tuple[list[s
     body = list[tuple[int, str]]()
     for number, line in enumerate(lines, 1):
         words = language.comment_of(line)
-        if words is not None and len(body) != len(language.opening):
+        if words is not None and len(body) != language.opened:
             raise TrajectoryError(source, "a comment of pinproof is not at the top of the program", f"line {number}")
         if words is None:
             if line.strip(" \t"):
@@ -424,8 +443,10 @@ def _split(language: Dialect, source: str, lines: Sequence[str]) -> tuple[list[s
     return header, body
 
 
-def _read_header(source: str, header: Sequence[str], dialect: str) -> tuple[RobotProgram, list[str], JointMap]:
-    """The program without steps and text, the hashes of its lines and the joint map, as its comments state them."""
+def _read_header(
+    source: str, header: Sequence[str], dialect: str
+) -> tuple[RobotProgram, list[str], JointMap, tuple[str, str]]:
+    """The program without steps and text, the hashes of its lines, the joint map, and the names of tool and frame."""
     entries = [entry.partition(": ")[::2] for entry in header]
     stated = dict(entries)
     if len(stated) < len(entries):
@@ -446,9 +467,18 @@ def _read_header(source: str, header: Sequence[str], dialect: str) -> tuple[Robo
         deviation = float(stated["deviation"].removesuffix(" rad"))
         if not 0 <= deviation < np.inf:
             raise ValueError(stated["deviation"])
-        mapping = JointMap.from_text(stated["map"]) if "map" in stated else JointMap.identity(len(names))
-        if len(mapping.signs) != len(names):
+        external = {joint: unit for joint, _, unit in (p.rpartition("=") for p in stated.get("external", "").split())}
+        if not set(external) <= set(names) or not set(external.values()) <= {"mm", "deg"}:
+            raise ValueError(stated["external"])
+        if reason := find_dialect(dialect).refuses_joints(names, external):
+            raise ValueError(reason)
+        own = len(names) - len(external)
+        mapping = JointMap.from_text(stated["map"]) if "map" in stated else JointMap.identity(own)
+        if len(mapping.signs) != own:
             raise ValueError(stated["map"])
+        declared = (stated.get("tool", ""), stated.get("frame", ""))
+        if wrong := [word for word in (stated["name"], *filter(None, declared)) if not re.fullmatch(NAME, word)]:
+            raise ValueError(wrong[0])
         picks = tuple(
             ProgramPick(str(name), str(member), tuple((str(motion), int(count)) for motion, count in motions))
             for name, member, motions in json.loads(stated.get("picks", "[]"))
@@ -460,4 +490,7 @@ def _read_header(source: str, header: Sequence[str], dialect: str) -> tuple[Robo
     if _hash_of_entries(known) != check:
         raise TrajectoryError(source, "the comments at the top were edited after the program was written")
     certificate = "" if stated["certificate"] == "none" else stated["certificate"]
-    return RobotProgram(stated["name"], dialect, names, (), deviation, certificate, "", picks), hashes, mapping
+    program = RobotProgram(
+        stated["name"], dialect, names, (), deviation, certificate, "", picks, external_joints=external
+    )
+    return program, hashes, mapping, declared

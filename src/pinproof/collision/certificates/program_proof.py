@@ -335,6 +335,8 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     InputError
         If the program is for other joints.
     """
+    if bad := [step.line for step in program.moves if isinstance(step, LinearMove) and step.blend is not None]:
+        raise InputError(f"line {bad[0]}: the blend of a linear move is not covered by a certificate; stop there")
     if program.joint_names != checker.arm.joint_names:
         own = ", ".join(checker.arm.joint_names)
         raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from pinproof.common.structs import described, key
 from pinproof.errors import InputError, TrajectoryError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion.trajectory_files import Record
-from pinproof.spatial import SE3, Array
+from pinproof.spatial import SE3, Array, log6, pose
 
 # -- steps -------------------------------------------------------------------------------------------------------------
 
@@ -45,13 +46,14 @@ class JointMove:
 
 @described(eq=False)
 class LinearMove:
-    """A move of the tcp on a straight line, with a stop at its end."""
+    """A move of the tcp on a straight line."""
 
     q: Array | None = key("(n,) rad, the configuration at the end; None if the text states the pose", default=None)
     pose: SE3 | None = key("``base_from_tcp`` at the end; None if the text states joint values", default=None)
     duration: float | None = key("None if the text states a speed instead", "s", default=None)
     line: int = key("the line number in the text, from 1", default=0)
     speed: float | None = key("m/s of the tcp; None if the text states none", default=None)
+    blend: Blend | None = key("None for a stop at the end", default=None)
     external: Array | None = key(
         "rad or m, the values of the external joints at the end, if the text states the pose; None if there are none",
         default=None,
@@ -180,10 +182,154 @@ def external_joints(arm: Arm, stated: Iterable[str] | None = None) -> dict[str, 
 Body = Sequence[tuple[int, str]]
 # A regular expression for a decimal number in the form that all languages share, without sign + and exponent.
 NUMBER = r"-?\d+(?:\.\d+)?"
-# A regular expression for the name that a program gives itself.
-NAME = r"([A-Za-z]\w*)"
-# A regular expression of a complete line, and the function that makes its step of the match and the line number.
-Rule = tuple[str, Callable[[re.Match[str], int], Step | None]]
+# A regular expression for the name of a routine.
+NAME = r"[A-Za-z]\w*"
+# Words that a program, a tool or a frame cannot have as its name, because a language uses them.
+RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        """abort alias and backward bool bas break call case char circ connect const continue ctool data decl def
+        default deffct div do dn else elseif elif end enddat endfct endfor endfold endfunc endif endloop
+        endmodule endproc endrecord endspline endswitch endtest endtrap endwhile enum error exit ext false fold
+        for from func global goto halt if import in inout int interrupt j jmp jointtarget lbl lin local loop main
+        mod module movec movej movel movep moveabsj not noview num off on or orient out pause pers pos
+        pose proc ptp pulse raise readonly real record repeat resume retry return robtarget rpos run sec select
+        set signal sleep speeddata step stop stopj stopl string struct switch sysmodule task test then thread
+        timed_out to tool0 tooldata trap true trynext undo until var viewonly wait waited waittime while wobj0
+        wobjdata with xor zonedata""",
+    )
+)
+
+
+class Field(NamedTuple):
+    """A part of a line: its regular expression, its text for a step, and the values of a step that a text states."""
+
+    pattern: str
+    write: Callable[[Any], str]
+    read: Callable[[str], Mapping[str, Any]]
+
+
+class Form(NamedTuple):
+    """An instruction: the kind of its steps and its text, of one or several lines, in which ``@`` marks the fields.
+
+    A form with a ``slot`` is a declaration before the steps; the slots of a program increase.
+    """
+
+    kind: type
+    text: str
+    fields: tuple[Field, ...] = ()
+    slot: int | None = None
+
+    def write(self, step: Any) -> list[str]:
+        """The lines of a step."""
+        first, *rest = self.text.split("@")
+        return (first + "".join(f.write(step) + text for f, text in zip(self.fields, rest, strict=True))).split("\n")
+
+    @property
+    def pattern(self) -> str:
+        """The regular expression of the lines without their indents; spaces inside a line may be longer."""
+        parts = [re.escape(re.sub(r"\n +", "\n", text)).replace(r"\ ", "[ \t]+") for text in self.text.split("@")]
+        inner = zip(self.fields, parts[1:], strict=True)
+        return parts[0] + "".join(f"({f.pattern}){part}" for f, part in inner) + r"(?=\n|\Z)"
+
+    def read(self, found: re.Match[str], line: int) -> Any:
+        """The step of a match; ValueError if its values are not possible or contradict each other."""
+        values: dict[str, Any] = {}
+        for f, text in zip(self.fields, found.groups(), strict=True):
+            for name, value in f.read(text).items():
+                if name in values and values[name] != value:
+                    raise ValueError(f"it states {name} = {values[name]} and {value}")
+                values[name] = value
+        return self.kind(**values) if self.kind in DECLARED else self.kind(**values, line=line)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A line that is no step, and the value that it states for the steps after it."""
+
+    name: str = ""
+    value: float = 0.0
+    line: int = 0
+
+
+@dataclass(frozen=True)
+class LoadData:
+    """The declaration of a part that is carried, with its number."""
+
+    number: int
+    payload: Payload
+
+
+# The kinds of declarations.
+DECLARED = (ToolData, UserFrame, LoadData)
+
+
+@dataclass
+class Heading:
+    """What a program states before its steps, and what its fields refer to."""
+
+    name: str
+    joints: tuple[str, ...] = ()
+    external: Mapping[str, str] = field(default_factory=dict)
+    tool_name: str = ""  # empty if the program declares no tool
+    frame_name: str = ""
+    tool: ToolData | None = None
+    frame: UserFrame | None = None
+    loads: list[Payload] = field(default_factory=list)
+    positions: dict[int, Array] = field(default_factory=dict)
+    labels: int = 0
+
+    @property
+    def robot(self) -> list[int]:
+        """The indices of the joints of the robot."""
+        return [k for k, name in enumerate(self.joints) if name not in self.external]
+
+    def external_of(self, step: JointMove | LinearMove) -> list[float]:
+        """The values of the external joints at the end of a move, in mm and degrees."""
+        values = step.external if isinstance(step, LinearMove) and step.q is None else None
+        if values is None and step.q is not None:
+            values = step.q[[self.joints.index(name) for name in self.external]]
+        if values is None or len(values) != len(self.external):
+            raise InputError(f"a linear move to a pose must state the external joints {', '.join(self.external)}")
+        units = self.external.values()
+        return [1e3 * x if unit == "mm" else math.degrees(x) for x, unit in zip(values, units, strict=True)]
+
+    def external_from(self, values: Iterable[float]) -> Array:
+        """The values of the external joints (m and rad) that a text states in mm and degrees."""
+        units = self.external.values()
+        return np.array([x / 1e3 if unit == "mm" else math.radians(x) for x, unit in zip(values, units, strict=True)])
+
+    def configuration(self, values: Sequence[float]) -> dict[str, Array]:
+        """The configuration of which a text states the joints of the robot in degrees, then the external ones."""
+        q = np.zeros(len(self.joints))
+        q[self.robot] = np.deg2rad(values[:6])
+        q[[self.joints.index(name) for name in self.external]] = self.external_from(values[6:])
+        return {"q": q}
+
+    def carried(self, shape: str, unit: float, digits: int) -> Field:
+        """The field of a load that contains the tool: mass and centre of mass at the flange, in so many units a metre.
+
+        The part is what remains of them beside the tool.
+        """
+
+        def own() -> tuple[float, Array]:
+            tool = ToolData("", pose()) if self.tool is None else self.tool
+            return tool.mass, tool.mass * np.array(tool.center_of_mass)
+
+        def write(step: SetLoad) -> Array:
+            total, moment = own()
+            if step.payload is not None:
+                total += step.payload.mass
+                moment = moment + step.payload.mass * np.array(step.payload.center_of_mass)
+            return np.hstack([total, unit * moment / (total or 1.0)])
+
+        def read(values: Sequence[float]) -> dict[str, Payload | None]:
+            mass, moment = own()
+            rest = round(values[0] - mass, digits)
+            center = (values[0] * np.array(values[1:]) / unit - moment) / (rest or 1.0)
+            return {"payload": Payload(rest, center) if rest > 0 else None}
+
+        return numbers("", shape, write, read, digits)
 
 
 class Dialect:
@@ -191,7 +337,9 @@ class Dialect:
 
     name = ""
     endings: tuple[str, ...] = ()
-    joints: int | None = 6
+    joints: int | None = 6  # of the robot, beside external axes; None for any number
+    external = 0  # the largest number of external axes
+    longest = 32  # characters of a name
     comment_mark = ""
     comment_width = 110
     exact = False  # whether the controller interpolates a trajectory exactly as pinproof does
@@ -199,103 +347,148 @@ class Dialect:
     outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs
     blend: Blend | None = None  # the blend of an inner point by default; None if the language has none
     deviation = 0.0  # rad: the assumed deviation of each joint from the straight lines of the moves, by default
-    # The line that switches an output, with its name and its state, and the words for off and on.
-    output_line, output_states = "", ("", "")
-    # A regular expression of the names of outputs, and a description for messages.
-    output_names, output_kind = "0*[1-9][0-9]*", "numbers from 1"
-    wait_line = ""  # the line of a waiting time in seconds
-    # The lines before and after the steps, with the name of the program in place of `{}`, and the indent of steps.
-    frame: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    # A regular expression of the names of inputs and outputs, and a description for messages.
+    signals, signal_kind = "0*[1-9][0-9]*", "numbers from 1"
+    remark = ("", "")  # the text before and after the words of a remark
+    opened = 1  # the number of lines before the comments
+    required: tuple[int, ...] = ()  # the slots of declarations that every program has
     indent = "  "
-    # Regular expressions of the lines before the comments of pinproof, directly after them, and at the end, in this
-    # order. Each occurs once, there; the settings hold for all instructions.
-    opening: tuple[str, ...] = ()
-    settings: tuple[str, ...] = ()
-    closing: tuple[str, ...] = ()
-    ignored = "(?!)"  # a regular expression of instructions that are not a step, such as one that sets the speed
     prefix = ""  # a regular expression of the text before the instruction of a line, such as its number
-    supported = ""  # the supported instructions, for messages
-    contents = "moves, outputs and waiting times"  # the steps that a program can contain, for messages
+    call = ""  # the line that calls a program of another file; empty if there is none
+    begin: tuple[str, ...] = ()  # lines for each called program before the first call
+    hint = ""  # what to use for the steps that the language does not have, for messages
 
-    def move(self, step: Step) -> str | None:
-        """The line of a move; None if the language cannot express the step."""
+    def frame(self, heading: Heading) -> tuple[list[str], list[str]]:
+        """The lines before the comments, and those at the end; each occurs once, there."""
         raise NotImplementedError
 
-    def move_rules(self, joints: int) -> list[Rule]:
-        """The rules that read the lines of moves."""
+    def forms(self, heading: Heading) -> list[Form]:
+        """The instructions."""
         raise NotImplementedError
 
-    def line_of(self, step: Step) -> str:
-        """The line of a step; InputError if the language cannot express it."""
-        if isinstance(step, SetOutput):
-            if not re.fullmatch(self.output_names, step.output):
-                raise InputError(f"output {step.output!r}: {self.name} has digital outputs with {self.output_kind}")
-            return self.output_line.format(step.output, self.output_states[step.on])
-        line = self.wait_line.format(step.seconds) if isinstance(step, Wait) else self.move(step)
-        if line is None:
-            raise InputError(f"programs of pinproof in {self.name} contain {self.contents}")
-        return line
+    def arranged(self, heading: Heading, steps: Sequence[Step]) -> list[Any]:
+        """The steps with the declarations before them, and with the lines that the language needs between them."""
+        return [*(each for each in (heading.tool, heading.frame) if each is not None), *steps]
 
-    def write(self, name: str, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
+    def settled(self, source: str, items: Sequence[Any]) -> list[Step]:  # noqa: ARG002
+        """The steps of a text without the settings, which apply to the steps after them."""
+        return list(items)
+
+    def refuses(self, arm: Arm, external: Mapping[str, str]) -> str:
+        """Why programs of an arm with these external joints cannot be written, in a sentence; empty if they can."""
+        return self.refuses_joints(arm.joint_names, external)
+
+    def refuses_joints(self, names: Sequence[str], external: Mapping[str, str]) -> str:
+        """As :meth:`refuses`, for the names of joints."""
+        if len(external) > self.external and self.joints is not None:
+            at_most = f"at most {self.external}" if self.external else "no"
+            use = "" if self.external else "; use rapid, krl or fanuc, or hold the joints"
+            return f"programs in {self.name} have {at_most} external axes, but the arm has {', '.join(external)}{use}"
+        own = len(names) - len(external)
+        if self.joints is not None and own != self.joints:
+            more = f" beside {', '.join(external)}" if external else "; state external axes if some are"
+            return f"a program in {self.name} needs {self.joints} joints of the robot; the arm has {own}{more}"
+        return ""
+
+    def identifier(self, name: str, taken: Iterable[str] = ()) -> str:
+        """A name that the language permits: ASCII, not too long, none of its words, and unlike those that are taken."""
+        plain = re.sub(r"\W", "_", name, flags=re.ASCII)
+        plain = plain if plain[:1].isalpha() else f"p{plain}"
+        others = {each.lower() for each in taken} | RESERVED
+        for number in range(1, 10_000):
+            suffix = "" if number == 1 else f"_{number}"
+            made = plain[: self.longest - len(suffix)] + suffix
+            if made.lower() not in others and not re.fullmatch(r"[avz]\d+", made.lower()):
+                return made
+        raise InputError(f"no name like {name!r} is left for a program in {self.name}")
+
+    def lines_of(self, step: Any, form: Form) -> list[str]:
+        """The lines of a step with their indent."""
+        return [f"{self.indent}{line}" for line in form.write(step)]
+
+    def write(self, heading: Heading, steps: Sequence[Step]) -> tuple[list[str], list[str], list[str]]:
         """The lines before the comments, of the steps, and after them, in the joint values of the controller."""
-        before, after = ([line.format(name) for line in lines] for lines in self.frame)
-        return before, [f"{self.indent}{self.line_of(step)}" for step in steps], after
-
-    def read(self, source: str, body: Body, joints: int) -> list[Step]:
-        """The steps of a program; TrajectoryError names the line and text of an instruction that is not supported."""
-        return self.read_lines(source, body, self.move_rules(joints))
-
-    def read_lines(self, source: str, body: Body, moves: Sequence[Rule]) -> list[Step]:
-        """The steps of lines, with these rules for moves."""
-        body = self.instructions(source, body)
-        # The lines of outputs and waiting times are read as they are written; spaces may be longer.
-        off, on = self.output_states
-        wait = re.sub(r"\{.*?\}", "{}", self.wait_line)
-        rules: list[Rule] = [
-            (_pattern(self.output_line, self.output_names, f"{off}|{on}"), lambda m, k: SetOutput(m[1], m[2] == on, k)),
-            (_pattern(wait, NUMBER), lambda m, k: Wait(positive(m[1], zero=True), k)),
-        ]
-        known = [(re.compile(self.prefix + rule), step_of) for rule, step_of in (*moves, *rules)]
-        steps = []
-        for number, line in body:
-            words = line.strip()
-            if re.fullmatch(self.ignored, words):
+        items, forms, lines = self.arranged(heading, steps), self.forms(heading), list[str]()
+        for item in items:
+            if isinstance(item, str):
+                lines.append(item)
                 continue
-            found = next(((step_of, m) for rule, step_of in known if (m := rule.fullmatch(words))), None)
-            if found is None:
-                reason = f"{words!r} is not supported; supported: {self.supported}"
-                raise TrajectoryError(source, reason, f"line {number}")
-            try:
-                steps.append(found[0](found[1], number))
-            except ValueError as error:
-                raise TrajectoryError(source, f"{words!r}: {error}", f"line {number}") from error
-        return [step for step in steps if step is not None]
+            form = next((form for form in forms if isinstance(item, form.kind)), None)
+            if form is None:
+                raise InputError(f"a program in {self.name} cannot contain a {type(item).__name__}{self.hint}")
+            lines += self.lines_of(item, form)
+        before, after = self.frame(heading)
+        return before, lines, after
 
-    def instructions(self, source: str, body: Body) -> Body:
+    def read(self, source: str, body: Body, heading: Heading) -> list[Step]:
+        """The steps of a program, whose declarations are added to the heading.
+
+        TrajectoryError names the line and text of an instruction that is not supported.
+        """
+        inner = self.instructions(source, body, heading)
+        rows = [(line, re.fullmatch(f"{self.prefix}(.*)", words.strip())) for line, words in inner]
+        texts, forms = [found[1] if found else "?" for _, found in rows], self.forms(heading)
+        known = [(form, re.compile(form.pattern)) for form in forms]
+        items, slots, k = list[Any](), list[int](), 0
+        while k < len(rows):
+            line, rest = rows[k][0], "\n".join(texts[k : k + 16])
+            form, found = next(((form, m) for form, pattern in known if (m := pattern.match(rest))), (None, None))
+            if form is None or found is None:
+                few = "; ".join(dict.fromkeys(each.text.split("\n")[0].replace("@", "..") for each in forms))
+                raise TrajectoryError(
+                    source, f"{inner[k][1].strip()!r} is not supported; supported: {few}", f"line {line}"
+                )
+            try:
+                if form.slot is not None and (items or form.slot < max(slots, default=0)):
+                    raise ValueError("a declaration is at the beginning, in the order of the manual")
+                if form.slot in slots and form.kind is not LoadData:
+                    raise ValueError("it is stated twice")
+                step = form.read(found, line)
+            except ValueError as error:
+                raise TrajectoryError(source, f"{inner[k][1].strip()!r}: {error}", f"line {line}") from error
+            k += found[0].count("\n") + 1
+            if form.slot is None:
+                items.append(step)
+                continue
+            slots.append(form.slot)
+            if isinstance(step, ToolData):
+                heading.tool = step
+            elif isinstance(step, UserFrame):
+                heading.frame = step
+            elif isinstance(step, LoadData):
+                heading.loads.append(step.payload)
+        needed = [form for form in forms if form.slot in self.required or form.kind in (ToolData, UserFrame)]
+        if missing := [form.text.split("\n")[0] for form in needed if form.slot not in slots]:
+            line = rows[0][0] if rows else 1
+            raise TrajectoryError(source, f"{missing[0]!r} must be before the first step", f"line {line}")
+        return self.settled(source, items)
+
+    def instructions(self, source: str, body: Body, heading: Heading) -> Body:
         """The lines between those that open and close the program: what the controller executes, from top to bottom."""
         # A second declaration, and anything before the first or after the end, is refused: a controller would not
         # execute it, or not in this order.
-        begin = (*self.opening, *(self.prefix + setting for setting in self.settings))
-        first, last = len(begin), len(body) - len(self.closing)
+        before, after = self.frame(heading)
+        first, last = len(before), len(body) - len(after)
         if last < first:
             raise TrajectoryError(source, "is not complete: lines that begin or end the program are missing")
-        framing = [*zip(begin, body[:first], strict=True), *zip(self.closing, body[last:], strict=True)]
-        for pattern, (number, line) in framing:
-            if not re.fullmatch(pattern, line.strip()):
-                expected = re.sub(r"\\(.)", r"\1", pattern.removeprefix(self.prefix).replace(NAME, "NAME"))
-                reason = f"{line.strip()!r} is where {expected!r} must be: a program has one beginning and one end"
+        framing = [*zip(before, body[:first], strict=True), *zip(after, body[last:], strict=True)]
+        for expected, (number, line) in framing:
+            if line.split() != expected.split():
+                reason = (
+                    f"{line.strip()!r} is where {expected.strip()!r} must be: a program has one beginning and one end"
+                )
                 raise TrajectoryError(source, reason, f"line {number}")
-        # A program with the name of one of its instructions would call itself.
-        if name := self.ambiguous_name([line for _, line in body]):
-            reason = f"the name {name!r} occurs in the program again; rename the program"
+        # A program that calls a routine of its own name would call itself.
+        if self.names_itself(heading, [line for _, line in body]):
+            reason = f"the name {heading.name!r} occurs in the program again; rename the program"
             raise TrajectoryError(source, reason, f"line {body[0][0]}")
         return body[first:last]
 
-    def ambiguous_name(self, lines: Sequence[str]) -> str:
-        """The name that a program gives itself, if it is another word of the program too; otherwise empty."""
-        words = [word.lower() for line in lines for word in re.findall(r"[A-Za-z_]\w*", line)]
-        stated = [m[1] for p, line in zip(self.opening, lines, strict=False) if NAME in p and (m := re.search(p, line))]
-        return next((name for name in stated if words.count(name.lower()) > 1), "")
+    def names_itself(self, heading: Heading, lines: Sequence[str]) -> bool:
+        """Whether the name of a program is another word of its instructions too."""
+        code = [line for line in lines if not line.strip().startswith(self.remark[0].strip() or "\n")]
+        words = [word.lower() for line in code for word in re.findall(r"[A-Za-z_]\w*", line)]
+        return words.count(heading.name.lower()) > 1
 
     def comment(self, words: str) -> str:
         """A line with a comment of pinproof."""
@@ -310,14 +503,141 @@ class Dialect:
         """The text with numbers of lines, if the language has them."""
         return text
 
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}()"
+    def main(self, programs: Sequence[str]) -> str:
+        """The text of a routine ``main`` that calls programs in their order; InputError if the language has none."""
+        if not self.call:
+            raise InputError(f"{self.name} has no routine that calls the programs of other files; write one program")
+        before, after = self.frame(Heading("main"))
+        begin = [f"{self.indent}{line.replace('@', name)}" for line in self.begin for name in programs]
+        calls = [f"{self.indent}{self.call.replace('@', name)}" for name in programs]
+        return self.numbered("\n".join([*before, *begin, *calls, *after]) + "\n")
+
+    # The parts that all languages have, with their own texts.
+
+    def signal(self, name: str) -> Field:
+        """The field of an input or output with the name of the value."""
+
+        def write(step: Any) -> str:
+            value = str(getattr(step, name))
+            if not re.fullmatch(self.signals, value):
+                raise InputError(f"{name} {value!r}: {self.name} has digital {name}s with {self.signal_kind}")
+            return value
+
+        return Field(self.signals, write, lambda text: {name: text})
+
+    def common_forms(
+        self,
+        output: str,
+        wait: str,
+        check: str,
+        states: tuple[str, str],
+        decimals: int,
+        call: str,
+        unit: float = 1.0,
+        more: Mapping[str, Field] | None = None,
+    ) -> list[Form]:
+        """The forms of outputs, waiting times, checks of inputs and remarks.
+
+        In the text of a check, ``@I``, ``@S``, ``@T`` and ``@E`` are the input, its state, the time in ``unit`` seconds
+        and the call of the error routine; ``more`` are further fields by their letters.
+        """
+        off, on = states
+        state = Field(f"{off}|{on}", lambda step: states[step.on], lambda text: {"on": text == on})
+        inset = check[: check.index("@E")].rpartition("\n")[2]
+        routine = Field(
+            "(?:" + re.escape(call).replace("@", NAME) + "\n)?",
+            lambda step: f"{call.replace('@', step.error)}\n{inset}" if step.error else "",
+            lambda text: {"error": re.findall(NAME, text.removeprefix("CALL "))[0] if text else ""},
+        )
+        limit = seconds("seconds", decimals if unit == 1.0 else 0, unit, zero=False)
+        parts = {"I": self.signal("input"), "S": state, "T": limit, "E": routine, **(more or {})}
+        before, after = self.remark
+        return [
+            Form(SetOutput, output, (self.signal("output"), state)),
+            Form(Wait, wait, (seconds("seconds", decimals),)),
+            Form(CheckInput, re.sub("@[A-Z]", "@", check), tuple(parts[k] for k in re.findall("@([A-Z])", check))),
+            Form(Remark, f"{before}@{after}", (Field(r"[ -:<-~]*?", self.remark_of, lambda t: {"words": t.strip()}),)),
+        ]
+
+    def remark_of(self, step: Remark) -> str:
+        """The words of a remark in the characters that all languages permit, which is no comment of pinproof."""
+        words = " ".join(re.sub(r"[^ -~]", "?", step.words).replace(";", ",").split()) or "-"
+        return f"- {words}" if words.startswith(self.comment_mark[1:].strip()) else words
 
 
-def _pattern(template: str, *values: str) -> str:
-    """The regular expression of a line with values in place of ``{}``; spaces may be longer."""
-    parts = [re.escape(part).replace(r"\ ", r"\s+") for part in template.split("{}")]
-    return parts[0] + "".join(f"({value}){part}" for value, part in zip(values, parts[1:], strict=True))
+def seconds(name: str, decimals: int, unit: float = 1.0, *, zero: bool = True) -> Field:
+    """The field of a time, which the text states in a unit of so many seconds; it is rounded up."""
+    step = unit * 10.0**-decimals
+    return Field(
+        NUMBER,
+        lambda item: f"{rounded_up(getattr(item, name), step, 0.0 if zero else step) / unit:.{decimals}f}",
+        lambda text: {name: round(positive(text, zero=zero) * unit, 9)},
+    )
+
+
+def constant(name: str, value: Any) -> Field:
+    """A field without text, for a value that is known otherwise."""
+    return Field("", lambda _: "", lambda _: {name: value})
+
+
+def numbers(
+    name: str, shape: str, write: Callable[[Any], Iterable[float]], read: Callable[..., Any], digits: int
+) -> Field:
+    """The field of values whose text has the form of ``shape``, in which each ``#`` is a number."""
+
+    def text_of(item: Any) -> str:
+        first, *rest = shape.split("#")
+        values = write(item)
+        return first + "".join(f"{plain(x, digits)}{text}" for x, text in zip(values, rest, strict=True))
+
+    pattern = re.escape(shape).replace(r"\ ", "[ \t]+").replace(r"\#", NUMBER).replace("#", NUMBER)
+    take = re.compile(re.escape(shape).replace(r"\ ", "[ \t]+").replace(r"\#", "#").replace("#", f"({NUMBER})"))
+
+    def read_text(text: str) -> Mapping[str, Any]:
+        found = take.fullmatch(text)
+        values = [float(word) for word in found.groups()] if found else []
+        if not np.isfinite(values).all():
+            raise ValueError("a number is not finite")
+        made = read(values)
+        return made if name == "" else {name: made}
+
+    return Field(pattern, text_of, read_text)
+
+
+def tool_load(shape: str, unit: float, digits: int, least: float = 0.0) -> Field:
+    """The field of the mass of a tool, which is at least ``least``, and its centre of mass in so many units a metre."""
+    return numbers(
+        "",
+        shape,
+        lambda step: [max(step.mass, least), *(unit * np.array(step.center_of_mass))],
+        lambda v: {"mass": v[0], "center_of_mass": np.array(v[1:]) / unit},
+        digits,
+    )
+
+
+def plain(value: float, digits: int) -> str:
+    """A number with decimals, without a negative zero."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
+
+
+def rounded_down(value: float) -> str:
+    """A number above 0 with at most six decimals, which is not larger than the value."""
+    text = f"{max(math.floor(1e6 * value + 1e-6), 1) / 1e6:.6f}".rstrip("0")
+    return f"{text}0" if text.endswith(".") else text
+
+
+def quaternion(transform: SE3) -> Array:
+    """The unit quaternion (4,) of a rotation, scalar first."""
+    turn = log6(transform)[3:]
+    angle = float(np.linalg.norm(turn))
+    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) / angle * turn if angle else turn)])
+
+
+def turned(xyz: Sequence[float], turn: Sequence[float]) -> SE3:
+    """The pose at a position (m) with a rotation vector (rad)."""
+    angle = float(np.linalg.norm(turn))
+    axis = np.array(turn) / angle if angle else np.zeros(3)
+    return pose(xyz, quat_xyzw=[*(math.sin(angle / 2) * axis), math.cos(angle / 2)])
 
 
 def positive(text: str, *, zero: bool = False, largest: float = math.inf) -> float:
@@ -332,19 +652,3 @@ def positive(text: str, *, zero: bool = False, largest: float = math.inf) -> flo
 def rounded_up(seconds: float, unit: float, least: float) -> float:
     """The time as a multiple of a unit that is not shorter, beyond rounding errors, and at least ``least``."""
     return max(math.ceil(seconds / unit - 1e-6) * unit, least)
-
-
-def numbers_of(text: str, count: int) -> Array:
-    """The numbers of a list separated by commas; ValueError if there are not ``count`` finite ones."""
-    words = [word.strip() for word in text.split(",")]
-    if not all(re.fullmatch(NUMBER, word) for word in words):
-        raise ValueError(f"{text.strip()!r} is not a list of numbers")
-    values = np.array([float(word) for word in words])
-    if len(values) != count or not np.isfinite(values).all():
-        raise ValueError(f"has {len(values)} joint values; the program has {count} joints")
-    return values
-
-
-def in_degrees(q: Array, digits: int) -> list[str]:
-    """The values of joints in degrees, rounded to decimals."""
-    return [f"{value + 0.0:.{digits}f}" for value in np.rad2deg(q).round(digits)]

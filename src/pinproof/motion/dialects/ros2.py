@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.dialects.dialect import Body, Dialect, Step, StreamedTrajectory
+from pinproof.motion.dialects.dialect import Body, Dialect, Heading, Step, StreamedTrajectory
 from pinproof.motion.trajectory_files import Reader, from_message, to_message
 
 
@@ -20,6 +20,7 @@ class Ros2(Dialect):
     joints = None
     comment_mark = "# pinproof:"
     exact = True
+    opened = 0
 
     def comment(self, words: str) -> str:
         """See :meth:`Dialect.comment`."""
@@ -27,7 +28,7 @@ class Ros2(Dialect):
 
     def write(
         self,
-        name: str,  # noqa: ARG002
+        heading: Heading,  # noqa: ARG002
         steps: Sequence[Step],
     ) -> tuple[list[str], list[str], list[str]]:
         """See :meth:`Dialect.write`."""
@@ -41,7 +42,7 @@ class Ros2(Dialect):
         names = json.dumps(message["joint_names"])
         return [], ['{"trajectory": {', f'  "joint_names": {names},', '  "points": [', *points.split("\n"), "  ]}}"], []
 
-    def read(self, source: str, body: Body, joints: int) -> list[Step]:
+    def read(self, source: str, body: Body, heading: Heading) -> list[Step]:
         """See :meth:`Dialect.read`."""
         reader = Reader(Path(source))
         data = reader.json("\n".join(line for _, line in body))
@@ -51,6 +52,6 @@ class Ros2(Dialect):
         if not isinstance(data["trajectory"], dict) or set(data["trajectory"]) != {"joint_names", "points"}:
             raise TrajectoryError(source, "must contain the keys joint_names and points and no other", "trajectory")
         record = from_message(reader, data["trajectory"])
-        if len(record.joint_names) != joints:
-            raise TrajectoryError(source, f"has {len(record.joint_names)} joints; its comments state {joints}")
+        if record.joint_names != heading.joints:
+            raise TrajectoryError(source, f"its joints are not {', '.join(heading.joints)}, as its comments state")
         return [StreamedTrajectory(record, body[0][0])]

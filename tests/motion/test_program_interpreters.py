@@ -28,7 +28,7 @@ EDITS = 500
 """Edited programs of each language."""
 
 Executed = list[tuple]
-"""(kind, values): joint q, time, speed, blend; line q or pose, time, speed; point q, period; output; wait."""
+"""(kind, values): joint q, time, speed, blend; line q or pose, time, speed, blend; point q, period; output; wait."""
 
 
 class Ambiguous(Exception):
@@ -179,12 +179,12 @@ def run_urscript(text: str) -> Executed:
                 speed = None if timed else above_zero(given["v"])
                 done.append(("joint", q, given["t"] if timed else None, speed, given["r"] or None))
             elif called == "movel":
-                refuse(line, not timed or given["r"])
-                done.append(("line", q, given["t"], None))
+                speed = None if timed else above_zero(given["a"]) and above_zero(given["v"])
+                done.append(("line", q, given["t"] if timed else None, speed, given["r"] or None))
             else:  # nearer set points than the filter, which is the shortest with the highest gain
                 refuse(line, (given["lookahead_time"], given["gain"]) != (0.03, 2000.0) or not 0 < given["t"] <= 0.03)
                 done.append(("point", q, given["t"]))
-            streams, blends = called == "servoj", called == "movej" and given["r"] > 0
+            streams, blends = called == "servoj", called in ("movej", "movel") and given["r"] > 0
         elif called == "sleep":
             done.append(("wait", words.seconds()))
         elif called == "set_standard_digital_out":
@@ -212,9 +212,9 @@ Z_DATA = {0, 1, 5, 10, 15, *range(20, 61, 10), 80, 100, 150, 200}
 
 
 def run_rapid(text: str) -> Executed:
-    """``main`` is started; names and keywords may have any case, and statements end at a semicolon."""
+    """The first routine is started; names and keywords may have any case, and statements end at a semicolon."""
     done: Executed = []
-    routines, current = dict[str, list[str]](), ""
+    routines, current, first = dict[str, list[str]](), "", ""
     code = " ".join(code_lines(text, "!"))
     declared = re.compile(r"\s*(MODULE\s+(\w+)|PROC\s+(\w+)\s*\(\s*\)|ENDPROC\b|ENDMODULE\b)", re.IGNORECASE)
     inside, at, names = False, 0, list[str]()
@@ -229,6 +229,7 @@ def run_rapid(text: str) -> Executed:
                 refuse(frame[0], not inside or current or frame[3].lower() in names)
                 current = frame[3].lower()
                 names.append(current)
+                first = first or current
                 routines[current] = []
             elif word == "ENDPROC":
                 refuse("ENDPROC", not current)
@@ -286,14 +287,14 @@ def run_rapid(text: str) -> Executed:
             zone = words.next()
             blend = None if zone.lower() == "fine" else 0.5 * (data(zone, "z", Z_DATA) >= 0)
             words.skip(",", "tool0")
-            refuse(line, straight and (blend or time is None))
-            done.append(("line", q, time, None) if straight else ("joint", q, time, None, blend))
+            refuse(line, straight and time is None)
+            done.append(("line", q, time, None, blend) if straight else ("joint", q, time, None, blend))
         else:
             raise Ambiguous(line)
         words.end()
         return True
 
-    started(routines, "main", run)
+    started(routines, first, run)
     return done
 
 
@@ -356,9 +357,12 @@ def run_krl(text: str) -> Executed:
                 words.skip("]", "=")
                 refuse(line, output == 0)
                 done.append(("output", str(output), words.next("true", "false").lower() == "true"))
-            elif variable == "apo" and words.takes(".", "cptp", "=") and not any(row[0] == "joint" for row in done):
-                state["share"] = words.number() / 200
-                refuse(line, not 0 < state["share"] <= 0.5)
+            elif variable == "apo" and words.takes(".") and not any(row[0] in ("joint", "line") for row in done):
+                kind = words.next("cptp", "cdis").lower()
+                words.next("=")
+                value = above_zero(words.number())
+                refuse(line, value > (100 if kind == "cptp" else 1000))
+                state[kind] = value
             else:
                 raise Ambiguous(line)
         elif called == "wait":
@@ -368,8 +372,11 @@ def run_krl(text: str) -> Executed:
             here.update(fields(words, [f"A{k}" for k in range(1, 7)]))
             refuse(line, len(here) < 6)
             q = in_radians(tuple(here[f"A{k}"] for k in range(1, 7)))
-            blend = state.get("share", 0.5) if words.takes("c_ptp") else None
-            done.append(("joint", q, None, None, blend))
+            blend = state.get("cptp", 100.0) / 200 if words.takes("c_ptp") else None
+            if blend is not None and words.takes("c_dis"):
+                done.append(("joint", q, None, None, blend, "c_dis"))
+            else:
+                done.append(("joint", q, None, None, blend))
         elif called == "lin" and state.get("line"):
             frame = fields(words, list("XYZABC"))
             refuse(line, len(frame) < 6)
@@ -382,7 +389,7 @@ def run_krl(text: str) -> Executed:
                 [-np.sin(b), np.cos(b) * np.sin(c), np.cos(b) * np.cos(c)],
             ]  # fmt: skip
             place = np.column_stack([turn, [frame["X"] / 1e3, frame["Y"] / 1e3, frame["Z"] / 1e3]])
-            done.append(("line", tuple(place.ravel()), None, state["line"]))
+            done.append(("line", tuple(place.ravel()), None, state["line"], 0.5 if words.takes("c_dis") else None))
             here.clear()  # the axes are not known then
         else:
             raise Ambiguous(line)
@@ -390,6 +397,12 @@ def run_krl(text: str) -> Executed:
         return True
 
     started(routines, first, run)
+    # Next to a linear move a zone of $APO.CDIS begins, which is at most half of a move.
+    moves = [k for k, row in enumerate(done) if row[0] in ("joint", "line")]
+    for k, after in zip(moves, [*moves[1:], None], strict=True):
+        if done[k][0] == "joint" and done[k][4] is not None:
+            linear = after is not None and done[after][0] == "line"
+            done[k] = (*done[k][:4], 0.5 if linear else done[k][4])
     return done
 
 
@@ -456,16 +469,20 @@ def run_fanuc(text: str) -> Executed:
             amount = words.whole()
             unit = words.next()
             refuse(line, amount > 10**6)
-            time = None if unit == "%" else above_zero(amount) / {"msec": 1000, "sec": 1}.get(unit, np.nan)
-            refuse(line, number not in positions or (time is None and not (called == "J" and 1 <= amount <= 100)))
+            speed = None
+            if unit == "mm" and called == "L":
+                words.skip("/", "sec")
+                speed = above_zero(amount) / 1000
+            time = None if unit == "%" or speed else above_zero(amount) / {"msec": 1000, "sec": 1}.get(unit, np.nan)
+            known = speed or time is not None or (called == "J" and 1 <= amount <= 100)
+            refuse(line, number not in positions or not known)
             refuse(line, time is not None and np.isnan(time))
             blend = None
             if not words.takes("fine"):
                 refuse(line, not (words.takes("cnt") and 0 <= words.whole() <= 100))
                 blend = 0.5
-            refuse(line, called == "L" and blend)
             q = positions[number]
-            done.append(("joint", q, time, None, blend) if called == "J" else ("line", q, time, None))
+            done.append(("joint", q, time, None, blend) if called == "J" else ("line", q, time, speed, blend))
         else:
             raise Ambiguous(line)
         words.end()
@@ -487,7 +504,8 @@ def read_steps(steps: tuple[Step, ...]) -> Executed:
             found.append(("joint", tuple(step.q), step.duration, step.speed, blend))
         elif isinstance(step, LinearMove):
             values = step.q if step.q is not None else step.pose.homogeneous[:3].ravel()
-            found.append(("line", tuple(values), step.duration, step.speed))
+            blend = None if step.blend is None else step.blend.radius or step.blend.share
+            found.append(("line", tuple(values), step.duration, step.speed, blend))
         elif isinstance(step, StreamedPoint):
             found.append(("point", tuple(step.q), step.period))
         elif isinstance(step, SetOutput):
@@ -557,7 +575,7 @@ WORDS = [("msec", "sec"), ("deg", "rad"), ("%", "msec"), ("(sec)", "(msec)"), ("
          (", r=", ", v="), ("UT : 1", "UT : 2"), ("UF : 0", "UF : 1"), ("GP1", "GP2"), ("P[2]", "P[02]"),
          ("P[2]", "P[3]"), ("P[1]", "PR[1]"), ("A6", "1A6"), ("A6", "E1"), ("A1", "A2"), ("gain=2000", "gain=100"),
          ("lookahead_time=0.03", "lookahead_time=0.2"), ("t=0.008", "t=0.8"), ("True", "False"), ("ON", "OFF"),
-         ("v100", "v7000"), ("v1000", "v0"), ("main", "aux"), ("#VEL_PTP,30", "#VEL_PTP,100"), ("stopj", "stopl"),
+         ("v100", "v7000"), ("v1000", "v0"), ("motion", "aux"), ("#VEL_PTP,30", "#VEL_PTP,100"), ("stopj", "stopl"),
          ("servoj", "movej"), ("[", "[["), ("9E9", "9E8"), ("a=0.5", "a=500"), ("v=0.3", "v=300")]  # fmt: skip
 MARK = {"urscript": "# ", "rapid": "! ", "krl": "; ", "fanuc": "!"}
 MOVES = r"move|MoveAbsJ|MoveL|PTP|LIN|J P|L P|J1 =|servoj"

@@ -4,6 +4,7 @@
 ./scripts/benchmark several_arms --edges 10000           certifies random edges and checks every verdict
 ./scripts/benchmark several_arms --mover-edges 10000     the same among moving obstacles
 ./scripts/benchmark several_arms --shared-bin            two UR5 over one bin with 40 parts
+./scripts/benchmark several_arms --carry 50              parts in two hands, of two UR10e and of a Baxter
 ./scripts/benchmark several_arms --belt                  takes the parts of a conveyor and audits the motions
 ./scripts/benchmark several_arms --belt --docs           rewrites this part of docs/benchmarks/several_arms.*
 
@@ -26,6 +27,7 @@ import pinocchio as pin
 
 import pinproof as pp
 from benchmarks.arm_picks import SPEEDS, belt_rows, shared_bin_row
+from benchmarks.carried_parts import carried_rows
 from benchmarks.collision_edges import (
     MARGINS,
     TOLERANCE,
@@ -329,7 +331,18 @@ def blocks(results: Results) -> Blocks:
         "samples": "{.samples:,}",
         "unsafe in the audit": lambda row: str(len(row.wrong)),
     }
+    carried = {
+        "cell": "{.cell}",
+        "problems": "{.problems}",
+        "certified": "{.found}",
+        "processor time, s": "{0.seconds:.2f} / {0.most_seconds:.2f}",
+        "motion, s": "{.duration:.2f}",
+        "deviation": lambda row: f"{row.position * 1e3:.3f} mm, {np.degrees(row.rotation):.3f} deg",
+        "largest at samples / proven": "{.share:.2f}",
+        "wrong": lambda row: str(len(row.wrong)),
+    }
     return {
+        "carried": row_table(carried, results["carried"]),
         "motions": motions_of_both(results["motions"]) if results["motions"] else [],
         "edges": edge_table("group", results["edges"]),
         "mover_edges": edge_table("robot", results["mover_edges"]),
@@ -350,6 +363,7 @@ def measure(options: argparse.Namespace) -> Results:
         "mover_edges": mover_edge_rows(options.mover_edges, options.seed) if options.mover_edges else [],
         "cells": [shared_bin_row(options.seed)] if options.shared_bin else [],
         "belts": belt_rows(SPEEDS, options.seed) if options.belt else [],
+        "carried": carried_rows(options.carry, options.seed) if options.carry else [],
     }
     return results
 
@@ -366,5 +380,6 @@ def main() -> None:
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
+    parser.add_argument("--carry", type=int, default=0, metavar="N", help="number of problems of parts in two hands")
     parser.add_argument("--belt", action="store_true", help="picks from a conveyor")
     BENCHMARK.run(parser)

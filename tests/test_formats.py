@@ -117,6 +117,7 @@ EVERYTHING: dict[str, Any] = {
     "scene": {
         **samples.SCENE,
         "obstacles": SHAPES,
+        "margins": [{"between": ["picker", "table"], "margin": 0.01}],
     },
     "attached": {
         "attached": SHAPES,

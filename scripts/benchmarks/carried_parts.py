@@ -50,14 +50,14 @@ def carriers() -> list[Carriers]:
     baxter = pp.load_robot("baxter_left").arms()
     obstacles = [
         pp.Obstacle("table", pp.Box(0.5, 1.2, 0.04), pp.pose((0.85, 0, -0.25))),
-        pp.Obstacle("post", pp.Cylinder(radius=0.02, length=0.4), pp.pose((0.6, 0, -0.03))),
+        pp.Obstacle("post", pp.Cylinder(radius=0.02, length=0.6), pp.pose((0.55, 0, 0.07))),
     ]
     sides = {"left": pp.pose((0, 0.16, 0), (np.pi / 2, 0, 0)), "right": pp.pose((0, -0.16, 0), (-np.pi / 2, 0, 0))}
     tray = pp.Obstacle("tray", pp.Box(0.25, 0.3, 0.06))
     turned = np.array([0.3, 0.3, 0.5])
 
-    def between(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
-        return np.array([[*low, *-turned], [*high, *turned]])
+    def between(low: tuple[float, ...], high: tuple[float, ...], share: float = 1.0) -> np.ndarray:
+        return np.array([[*low, *-share * turned], [*high, *share * turned]])
 
     return [
         Carriers(
@@ -68,7 +68,7 @@ def carriers() -> list[Carriers]:
             "Baxter, tray of 0.3 m",
             pp.CollisionChecker(baxter, pp.Scene(obstacles), margin=0.002, trust_disabled=True), tray,
             {name: pose.inverse() for name, pose in sides.items()},
-            between((0.42, -0.1, 0.0), (0.48, 0.1, 0.15)), between((0.72, -0.1, 0.0), (0.8, 0.1, 0.15)),
+            between((0.36, -0.1, 0.15), (0.40, 0.1, 0.35), 0.4), between((0.69, -0.1, 0.15), (0.73, 0.1, 0.35), 0.4),
         ),
     ]  # fmt: skip
 

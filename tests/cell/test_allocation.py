@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.cell.allocation.allocate import AllocationRun
 from pinproof.cell.allocation.common_clock import TICK, ArmAxis, shortest_waits
-from pinproof.collision import audit
+from pinproof.collision import PairMargin, audit
 
 FILE = Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml"
 
@@ -127,6 +127,28 @@ def test_hands_of_the_other_arms_are_open_as_stated(tmp_path) -> None:
     for setup in run.setups.values():
         fingers = [value for joint, value in setup.checker.group.held.items() if "finger_joint1" in joint]
         assert fingers == [0.04, 0.04]
+
+
+def test_margins_of_the_scene_and_of_the_picks_apply_to_each_arm_and_between_arms(cell) -> None:
+    """Those of obstacles were refused as unknown bodies of the checker of both arms, which has no scene."""
+    group, scene, picks = cell
+    obstacle = next(iter(scene))
+    of_scene = [
+        PairMargin(("left/forearm_link", obstacle), 0.01),
+        PairMargin(("left/forearm_link", "right/forearm_link"), 0.05),
+    ]
+    of_picks = (PairMargin(("right/forearm_link", "left/forearm_link"), 0.07),)
+    scene, picks = replace(scene, margins=of_scene), replace(picks, margins=of_picks)
+    run = AllocationRun(group, scene, picks, (), (0.0, 0.0), pp.cell.SequenceBudget(), print, 0)
+
+    def margin(checker, *pair) -> set[float]:
+        pairs = {frozenset(checker.owners(k)): own for k, own in enumerate(checker.margins.tolist())}
+        return {own for owners, own in pairs.items() if owners == frozenset(pair)}
+
+    forearms = ("left/forearm_link", "right/forearm_link")
+    assert margin(run.apart.carrying((), {}), *forearms) == {0.07}
+    assert margin(run.setups["left"].checker, *forearms) == {0.07}
+    assert margin(run.setups["left"].checker, "left/forearm_link", obstacle) == {0.01}
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from dataclasses import replace
 from weakref import WeakKeyDictionary
@@ -14,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.collision import CheckerSpec
+from pinproof.collision import CheckerSpec, PairMargin
 from pinproof.collision.checking import pairs
 from pinproof.description import robots_folder
 
@@ -363,9 +364,12 @@ def test_hash_depends_on_the_set_up_and_not_on_margins(spec: CheckerSpec) -> Non
     assert spec.with_margin(0.1).padded(0.1).setup_hash() == spec.setup_hash()
 
 
-def test_margin_of_a_removed_obstacle_is_dropped(spec: CheckerSpec) -> None:
-    assert not spec.with_scene(pp.Scene([WALL])).margins
+def test_margin_of_a_removed_obstacle_has_no_effect_until_it_returns(spec: CheckerSpec) -> None:
+    checker = pp.CollisionChecker.of(spec)
+    without = checker.with_scene(pp.Scene([WALL]))
+    assert set(without.margins.tolist()) == {spec.margin}
     assert spec.with_scene(pp.Scene([POST])).margins == {frozenset(("forearm_link", "post")): 0.05}
+    assert without.with_scene(spec.scene).margins.tolist() == checker.margins.tolist()
 
 
 def test_pairs_that_were_left_out_are_checked_again_in_the_same_surroundings(spec: CheckerSpec) -> None:
@@ -450,3 +454,77 @@ def test_checkers_of_a_task_equal_new_ones(robot, link, hand, monkeypatch):
 def test_an_obstacle_cannot_have_the_bodies_of_another(ur5):
     with pytest.raises(pp.InputError, match="two bodies have the name 'ball'"):
         pp.CollisionChecker(ur5, pp.Scene([BALL])).with_attached(BALL)
+
+
+def near_ball(arm, margins, **more):
+    """Checkers of the ball with margins that the scene states, and with those of a caller."""
+    stated = [PairMargin(pair, margin) for pair, margin in margins.items()]
+    scene = pp.Scene([BALL, TABLE])
+    return pp.CollisionChecker(arm, replace(scene, margins=stated), **more), pp.CollisionChecker(
+        arm, scene, margins=margins, **more
+    )
+
+
+def test_margins_that_a_scene_states_are_those_of_the_checker(ur5):
+    margins = {("forearm_link", "ball"): 0.05, ("tool", "table"): 0.02}
+    of_scene, of_caller = near_ball(ur5, margins, margin=0.002, attached=[TOOL])
+    same(of_scene, of_caller, ur5)
+    for change in (
+        lambda checker: checker.padded(0.01),
+        lambda checker: checker.with_margin(0.004),
+        lambda checker: checker.with_obstacle_tolerance(0.01),
+        lambda checker: checker.with_held({}),
+        lambda checker: checker.exact(),
+        lambda checker: pickle.loads(pickle.dumps(checker)),
+    ):
+        same(change(of_scene), change(of_caller), ur5)
+    # Stated for the same pair by the caller, that of the scene has no effect
+    other = pp.CollisionChecker(
+        ur5, of_scene.scene, margin=0.002, margins={("ball", "forearm_link"): 0.0}, attached=[TOOL]
+    )
+    assert set(other.margins.tolist()) == {0.0, 0.002, 0.02}
+
+
+def test_a_part_keeps_its_margins_while_it_is_carried_and_put_down(ur5):
+    checker, _ = near_ball(ur5, {("forearm_link", "ball"): 0.05, ("ball", "table"): 0.03}, margin=0.002)
+    lifted = checker.with_scene(checker.scene.remove("ball")).with_attached(BALL)
+    at = {frozenset(lifted.owners(k)): margin for k, margin in enumerate(lifted.margins.tolist())}
+    assert at[frozenset(("ball", "table"))] == 0.03
+    put_down = replace(lifted.spec, attached=(), scene=checker.scene)
+    same(lifted.with_spec(put_down), checker, ur5)
+
+
+def test_another_scene_replaces_the_margins_of_the_one_before(ur5):
+    checker, _ = near_ball(ur5, {("forearm_link", "ball"): 0.05}, margin=0.002)
+    nearer = replace(checker.scene, margins=[PairMargin(("ball", "forearm_link"), 0.01)])
+    same(checker.with_scene(nearer), pp.CollisionChecker(ur5, nearer, margin=0.002), ur5)
+
+
+def test_a_margin_of_a_scene_for_a_body_that_does_not_exist_is_refused(ur5):
+    scene = pp.Scene([BALL], margins=[PairMargin(("forearm", "ball"), 0.05)], source="cell.yaml")
+    for make in (lambda: pp.CollisionChecker(ur5, scene), lambda: pp.CollisionChecker(ur5).with_scene(scene)):
+        with pytest.raises(
+            pp.UnknownNameError, match=r"'forearm' in the margins of the scene cell\.yaml; valid: forearm_"
+        ):
+            make()
+
+
+def test_the_proof_of_a_motion_states_the_margins_of_the_scene(ur5, tmp_path):
+    """It is verified from its file, and only for checkers whose margins are no larger."""
+    path = pp.JointPath([[0.0, -1.6, 1.0, 0, 0, 0], [0.3, -1.6, 1.0, 0, 0, 0]], ur5.joint_names)
+    scene = pp.Scene([pp.Obstacle("ball", pp.Sphere(0.1), pp.pose((0.5, 0.1, 1.3)))])
+    distance = pp.certify(path, pp.CollisionChecker(ur5, scene)).clearance
+    for margin, status in ((0.5 * distance, "FREE"), (2.0 * distance + 0.5, "COLLIDING")):
+        own = replace(scene, margins=[PairMargin((link, "ball"), margin) for link in ("forearm_link", "wrist_1_link")])
+        checker = pp.CollisionChecker(ur5, own)
+        certificate = pp.certify(path, checker, record=True)
+        assert certificate.status.name == status
+        if certificate.free:
+            certificate.save(tmp_path / "m.proof.json")
+            stated = json.loads((tmp_path / "m.proof.json").read_text())["settings"]["margins"]
+            assert {(*sorted(pair), own) for *pair, own in stated} == {
+                ("ball", "forearm_link", margin), ("ball", "wrist_1_link", margin)
+            }  # fmt: skip
+            assert pp.verify_proof(tmp_path / "m.proof.json", checker).ok
+            wider = replace(scene, margins=[PairMargin(("forearm_link", "ball"), 1.1 * margin)])
+            assert not pp.verify_proof(tmp_path / "m.proof.json", pp.CollisionChecker(ur5, wider)).ok

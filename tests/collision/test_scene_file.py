@@ -45,6 +45,8 @@ obstacles:
   - {name: camera, occupancy_grid: {voxel: 0.1, low: [-1, 0, 2], count: [1, 1, 3], cells: eNpjYGQCAAAHAAQ=}}
 allowed_contacts:
   - [base_link, table]
+margins:
+  - {between: [tool0, ball], margin: 5e-3}
 disabled_pairs:
   - [wrist_1_link, wrist_3_link]
 frame: base_link
@@ -85,6 +87,7 @@ def test_every_shape_is_read(scene_text, tmp_path):
     ]
     assert {type(o.shape) for o in scene.obstacles} == set(get_args(Shape))
     assert scene.allowed == (("base_link", "table"),)
+    assert [(each.between, each.margin) for each in scene.margins] == [(("tool0", "ball"), 0.005)]
     assert (scene.disabled, scene.frame) == ((("wrist_1_link", "wrist_3_link"),), "base_link")
     assert scene["table"].rgba == (1.0, 0.5, 0.0, 1.0)
     np.testing.assert_array_equal(matrix(scene["ball"].pose), np.eye(4))
@@ -137,6 +140,14 @@ BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
         ("obstacles: []\nframe: 3", ["frame", "3"]),
         ("obstacles: []\ndisabled_pairs: [[a]]", ["disabled_pairs", "pair"]),
         ("obstacles: []\ndisabled_pairs: [[a, a]]", ["disabled_pairs", "twice"]),
+        ("obstacles: []\nmargins: [{between: [a, b], margn: 1}]", ["line 2", "margins[0].margn", "valid: margin"]),
+        ("obstacles: []\nmargins: [{between: [a, b], margin: -1}]", ["line 2", "margins[0].margin", "at least 0"]),
+        ("obstacles: []\nmargins: [{between: [a, a], margin: 1}]", ["line 2", "margins[0]", "twice"]),
+        ("obstacles: []\nmargins: [{between: a, margin: 1}]", ["line 2", "margins[0]", "pair of names"]),
+        (
+            "obstacles: []\nmargins:\n- {between: [a, b], margin: 0}\n- {between: [b, a], margin: 0.1}",
+            ["line 2", "margins", "a and b twice"],
+        ),
         (BALL + "}\nallowed_contacts: [[ball, ball]]", ["allowed_contacts", "twice"]),
         (BALL + ", xyz: [0, 0]}", ["'ball'", "xyz must have 3 numbers"]),
         (BALL + ", xyz: [0, 0, .inf]}", ["'ball'", "xyz", "inf"]),

@@ -10,8 +10,9 @@ import pytest
 import trimesh
 
 import pinproof as pp
+from pinproof.collision import PairMargin
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.picks import PairMargin, PartGrasp, PartType, Tool
+from pinproof.picks import PartGrasp, PartType, Tool
 
 from .conftest import judge_in
 from .test_grip import CUBE, GRIPPER, HAND, TABLE, fingers, grasp
@@ -188,13 +189,15 @@ def test_directions_of_grasps_in_the_root_frame_follow_a_transformed_cell(tmp_pa
 SPEC = {"tip": pp.pose((0, 0, 0.16)), "margin": 0.002}
 
 
-def judged(arms, margins: tuple[PairMargin, ...], *more: pp.Obstacle) -> pp.picks.PickVerdict:
+def judged(
+    arms, margins: tuple[PairMargin, ...], *more: pp.Obstacle, of_scene: tuple[PairMargin, ...] = ()
+) -> pp.picks.PickVerdict:
     """The verdict on a cube beside a post, 12 mm from the cube and 7 mm from the open hand."""
     post = pp.Obstacle("post", pp.Box(0.01, 0.1, 0.03), pp.pose((0.482, 0.15, 0.01)))
     shared = {"fingers": fingers(), "tool": (HAND,), **SPEC, "margins": margins}
     return judge_in(
         arms["ur5"],
-        pp.Scene([TABLE, CUBE, post, *more], allowed=[("base_link", "table")]),
+        pp.Scene([TABLE, CUBE, post, *more], allowed=[("base_link", "table")], margins=of_scene),
         grasp(retreat=0.05),
         **shared,
     )
@@ -211,6 +214,19 @@ def test_the_margin_of_a_pair_replaces_that_of_all_bodies(arms) -> None:
         assert "post" in verdict.reason
     with pytest.raises(UnknownNameError, match="unknown body 'pole' in the margins of the picks; valid"):
         judged(arms, (PairMargin(("hand", "pole"), 0.1),))
+
+
+def test_the_margins_of_a_scene_apply_to_picks_which_replace_them(arms) -> None:
+    assert judged(arms, (), of_scene=(PairMargin(("cube", "table"), 0.0),)).ok
+    for name, stage in (("finger_1", "grasp"), ("hand", "grasp"), ("cube", "retreat")):
+        wide = (PairMargin((name, "post"), 0.1),)
+        verdict = judged(arms, (), of_scene=wide)
+        assert not verdict.ok, name
+        assert verdict.failed.value in (stage, "approach"), name
+        assert "post" in verdict.reason
+        assert judged(arms, (PairMargin(("post", name), 0.001),), of_scene=wide).ok
+    with pytest.raises(UnknownNameError, match="unknown body 'pole' in the margins of the scene; valid"):
+        judged(arms, (), of_scene=(PairMargin(("hand", "pole"), 0.1),))
 
 
 def test_two_links_of_one_gripper_are_checked_for_contact_only_and_the_notes_state_it() -> None:
@@ -244,12 +260,13 @@ def test_the_identity_of_a_setup_depends_on_margins_of_parts_that_are_not_in_the
     part = pp.Obstacle("part", pp.Box(0.03, 0.03, 0.03))
     picks = pp.Picks([pp.Pick("a", pp.pose((0.4, 0, 0.1)), carried=part)])
 
-    def identity(margin: float) -> dict:
-        own = replace(picks, margins=(PairMargin(("part", "table"), margin),))
-        scene = pp.Scene([TABLE], allowed=[("base_link", "table")])
+    def identity(margin: float, *, of_scene: bool = False) -> dict:
+        stated = (PairMargin(("part", "table"), margin),)
+        own = picks if of_scene else replace(picks, margins=stated)
+        scene = pp.Scene([TABLE], allowed=[("base_link", "table")], margins=stated if of_scene else ())
         return pp.picks.PickSetup.make(arms["ur5"], scene, own, home=None, rng=0).identity()
 
-    assert identity(0.001) == identity(0.001) != identity(0.002)
+    assert identity(0.001) == identity(0.001, of_scene=True) != identity(0.002)
 
 
 @pytest.mark.parametrize("hull", [None, False])

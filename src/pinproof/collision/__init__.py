@@ -75,6 +75,7 @@ from pinproof.collision.checking.spec import (
     CheckerSpec as CheckerSpec,
     checked_margin as checked_margin,
     files_examined_once as files_examined_once,
+    margins_of as margins_of,
 )
 from pinproof.collision.geometry.bodies import Body as Body, triangles_of as triangles_of
 from pinproof.collision.geometry.depth_image import (
@@ -107,7 +108,13 @@ from pinproof.collision.geometry.shapes import (
 )
 from pinproof.collision.geometry.surfaces import cell_faces as cell_faces, ground_surface as ground_surface
 from pinproof.collision.moveit import moveit_message as moveit_message, read_moveit_message as read_moveit_message
-from pinproof.collision.scene import Attachments as Attachments, Scene as Scene
+from pinproof.collision.scene import (
+    MARGIN as MARGIN,
+    PAIR_MARGINS as PAIR_MARGINS,
+    Attachments as Attachments,
+    PairMargin as PairMargin,
+    Scene as Scene,
+)
 from pinproof.common import faces
 
 __all__ = faces.exported(globals())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -15,11 +16,25 @@ import pinocchio as pin
 from pinproof.collision.geometry.shapes import Obstacle, stated_shape
 from pinproof.common.files import read_yaml, write_yaml
 from pinproof.common.results import ByValue, Rows, Shown, View, shortened
-from pinproof.common.structs import ANY_TEXT, Accepting, errors_of, key, list_of, plain, simple, struct, table_of
-from pinproof.common.validation import require_type
+from pinproof.common.structs import (
+    ANY_TEXT,
+    TEXT,
+    Accepting,
+    Kind,
+    errors_of,
+    key,
+    list_of,
+    number,
+    parsed,
+    plain,
+    simple,
+    struct,
+    table_of,
+)
+from pinproof.common.validation import require_number, require_type
 from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
-from pinproof.units import MOST_REACH
+from pinproof.units import MOST_MARGIN, MOST_REACH, warn_of_millimetres
 
 SHAPE_WIDTH = 60
 """Largest number of characters of a shape in a table of obstacles."""
@@ -39,7 +54,46 @@ Default = TypeVar("Default")
 PAIRS = list_of(simple(list_of(ANY_TEXT, 2, 2).schema, _pair))
 
 
-@struct("scene", first=("obstacles", "allowed_contacts", "disabled_pairs", "frame"), init=False, repr=False, eq=False)
+def _margin(name: str, value: Any) -> float:
+    margin = require_number(name, value, "m", minimum=0)
+    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
+    return margin
+
+
+MARGIN = simple(number(minimum=0).schema, _margin, parsed)
+"""A smallest allowed distance of bodies (m)."""
+
+
+@struct("pair_margin")
+class PairMargin:
+    """The margin of one pair of bodies."""
+
+    between: tuple[str, ...] = key(
+        "the two bodies: links, bodies of a tool, parts or obstacles", kind=Kind(list_of(TEXT, 2, 2).schema, _pair)
+    )
+    margin: float = key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
+
+
+def _once(name: str, value: Any) -> tuple[PairMargin, ...]:
+    pairs = Counter(frozenset(own.between) for own in value)
+    if twice := [" and ".join(sorted(pair)) for pair, count in pairs.items() if count > 1]:
+        raise InputError(f"{name} state the pair {twice[0]} twice; state it once")
+    return tuple(value)
+
+
+_MARGINS = list_of(table_of(PairMargin))
+
+PAIR_MARGINS = Kind(_MARGINS.schema, lambda name, value: _once(name, _MARGINS.check(name, value)), _MARGINS.parse)
+"""Margins of pairs of bodies, as scenes and picks state them."""
+
+
+@struct(
+    "scene",
+    first=("obstacles", "allowed_contacts", "margins", "disabled_pairs", "frame"),
+    init=False,
+    repr=False,
+    eq=False,
+)
 class Scene(Mapping[str, Obstacle], Shown):
     """Obstacles, which are not checked against each other. Poses are in the frame of the robot's root link.
 
@@ -59,6 +113,12 @@ class Scene(Mapping[str, Obstacle], Shown):
         name="allowed_contacts",
         default=(),
         kind=PAIRS,
+    )
+    margins: tuple[PairMargin, ...] = key(
+        "margins of pairs of bodies, which replace the margin of all bodies; the names are checked with the robot, its "
+        "tool and the parts that it carries",
+        default=(),
+        kind=PAIR_MARGINS,
     )
     disabled: tuple[tuple[str, str], ...] = key(
         "pairs of robot links that a MoveIt matrix disables; they are checked unless the caller trusts them",
@@ -89,12 +149,14 @@ class Scene(Mapping[str, Obstacle], Shown):
         obstacles: Iterable[Obstacle] = (),
         *,
         allowed: Iterable[Sequence[str]] = (),
+        margins: Iterable[PairMargin] = (),
         disabled: Iterable[Sequence[str]] = (),
         frame: str = "",
         notes: Iterable[str] = (),
         source: str | Path | None = None,
     ) -> None:
-        given = {"obstacles": obstacles, "allowed": allowed, "disabled": disabled, "frame": frame}
+        given: dict[str, Any] = {"obstacles": obstacles, "allowed": allowed, "margins": margins}
+        given |= {"disabled": disabled, "frame": frame}
         source = None if source is None else Path(source)
         for name, value in {**given, "notes": tuple(notes), "source": source}.items():
             object.__setattr__(self, name, value)
@@ -145,11 +207,12 @@ class Scene(Mapping[str, Obstacle], Shown):
         return replace(self, obstacles=(*self.obstacles, *obstacles))
 
     def remove(self, *names: str) -> Scene:
-        """Return a new scene without these obstacles and without their allowed contacts."""
+        """Return a new scene without these obstacles, and without their allowed contacts and margins."""
         removed = {self[name].name for name in names}
         kept = tuple(o for o in self.obstacles if o.name not in removed)
         allowed = tuple(pair for pair in self.allowed if not removed.intersection(pair))
-        return replace(self, obstacles=kept, allowed=allowed)
+        margins = tuple(own for own in self.margins if removed.isdisjoint(own.between))
+        return replace(self, obstacles=kept, allowed=allowed, margins=margins)
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
@@ -181,6 +244,7 @@ class Scene(Mapping[str, Obstacle], Shown):
         return (
             self.names == other.names
             and (self.allowed, self.disabled, self.frame) == (other.allowed, other.disabled, other.frame)
+            and self.margins == other.margins
             and all(
                 a.shape == b.shape and bool((abs(matrix(a.pose) - matrix(b.pose)) <= tolerance).all())
                 for a, b in zip(self.obstacles, other.obstacles, strict=True)
@@ -263,7 +327,8 @@ class Scene(Mapping[str, Obstacle], Shown):
             If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
         content: dict[str, Any] = {"obstacles": _stated_bodies(self.obstacles, path)}
-        more = {"frame": self.frame, "allowed_contacts": self.allowed, "disabled_pairs": self.disabled}
+        more: dict[str, Any] = {"frame": self.frame, "allowed_contacts": self.allowed, "disabled_pairs": self.disabled}
+        more["margins"] = [{"between": own.between, "margin": own.margin} for own in self.margins]
         write_yaml(path, content | {name: plain(value) for name, value in more.items() if value}, SceneError)
 
 

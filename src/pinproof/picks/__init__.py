@@ -20,7 +20,7 @@ from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, 
 from pinproof.picks.grasps.proposals import ProposedGrasp, ProposedGrasps, propose_grasps
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
-from pinproof.picks.input.picks import CellRobot, NamedFrame, PairMargin, PickProblem, Picks, root_from_frame
+from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
 from pinproof.picks.input.tools import Hand, HandValues, Tool
@@ -42,8 +42,8 @@ from pinproof.picks.judging.task import (
     gripper_links,
     peaks_of,
     with_hand,
-    with_margins,
     rate_limits,
+    spec_of_picks,
     torque_limits_of_tool,
 )
 from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
@@ -71,7 +71,7 @@ __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
     "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "HandsResult", "Intercept",
-    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PairMargin", "PartGrasp", "PartType", "Pick",
+    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType", "Pick",
     "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",
     "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights",
     "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProposedGrasp", "ProposedGrasps",
@@ -81,6 +81,6 @@ __all__ = [
     "check_held_joints", "checker_of_picks", "code_of", "export_picks", "gripper_links", "judge", "judge_hands",
     "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks", "propose_grasps", "prove_part",
     "rate_limits", "reach", "reach_map", "read_picks", "recertify_program", "release_lines", "root_from_frame",
-    "screen", "screen_picks", "shifted", "shortened", "span", "support_names", "time_part", "tool_orientations",
-    "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "with_margins", "write_motion_pages",
+    "screen", "screen_picks", "shifted", "shortened", "span", "spec_of_picks", "support_names", "time_part",
+    "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "write_motion_pages",
 ]  # fmt: skip

@@ -25,7 +25,7 @@ from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.model import PART, JointGroup, Payload
-from pinproof.picks import Hand, HandValues, PartType, Pick, Picks, PickSetup, gripper_links
+from pinproof.picks import Hand, HandValues, PartType, Pick, Picks, PickSetup, gripper_links, spec_of_picks
 from pinproof.spatial import Array
 from pinproof.work import Progress
 
@@ -203,6 +203,7 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
         home={full(joint): value for joint, value in own.home.items()},
         frames=picks.frames,
         margin=picks.margin,
+        margins=picks.margins,
         source=picks.source,
     )
 
@@ -235,10 +236,10 @@ class AllocationRun:
         tools = [replace(body, arm=name) for name, own in hands.items() for body in own.open_tool]
         self.held = {joint: value for own in hands.values() for joint, value in own.held.items()}
         links = (gripper_links(group.arms[name], own) for name, own in self.shared.items())
-        margins = {pair: 0.0 for of_arm in links for pair in combinations(of_arm, 2) if self.picks.margin > 0.0}
-        margins |= {(own.between[0], own.between[1]): own.margin for own in self.picks.margins}
-        still = group.with_held(self.held)
-        checker = CollisionChecker(still, margin=self.picks.margin, margins=margins, attached=tools)
+        margins: dict[Any, float] = {frozenset(pair): 0.0 for of_arm in links for pair in combinations(of_arm, 2)}
+        stated = spec_of_picks(group.with_held(self.held), self.scene, self.picks)
+        apart = replace(stated, scene=Scene(), attached=tuple(tools), margins={**margins, **stated.margins})
+        checker = CollisionChecker.of(apart)
         self.apart = ArmsApart(checker)
         at_home = self.apart.carrying((), {}).check(self.home)
         if not at_home.free:
@@ -260,15 +261,9 @@ class AllocationRun:
             for body in self.shared[name].always_mounted.open_tool:
                 tools.append(replace(body, pose=world_from_tcp * body.pose))
                 allowed += [(link, body.name) for link in of_arm]
-        scene = Scene(
-            (*self.scene.obstacles, *tools, *others),
-            allowed=allowed,
-            disabled=self.scene.disabled,
-            frame=self.scene.frame,
-            notes=self.scene.notes,
-            source=self.scene.source,
-        )
-        return PickSetup.make(still, scene, self.shared[arm], home=None, rng=self.rng)
+        scene = replace(self.scene, obstacles=(*self.scene.obstacles, *tools, *others), allowed=tuple(allowed))
+        shared = replace(self.shared[arm], picks=self.picks.picks)  # whose parts may be named by margins
+        return PickSetup.make(still, scene, shared, home=None, rng=self.rng)
 
     # -- which arm ----------------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from pinproof.common.validation import require_integer
 from pinproof.description import CELL, PLACEMENT_JOINTS, LinkGeometry, MeshFile, moved_by, with_movable_base
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
-from pinproof.picks import Pick, Picks
+from pinproof.picks import Pick, Picks, spec_of_picks
 from pinproof.spatial import SE3, Array, finite, frozen, matrix, pose, rigid, rigid_matrix
 
 Range = tuple[float, float]
@@ -289,7 +289,7 @@ class PlacedRobot:
         Of several tools that are changed, only what is always mounted is checked; the certified picks have all of it.
         """
         picks = picks.always_mounted
-        checker = CollisionChecker(self.wide_arm, self.scene, margin=picks.margin, attached=picks.open_tool)
+        checker = CollisionChecker.of(spec_of_picks(self.wide_arm, self.scene, picks))
         urdf = self.robot.urdf
         hand = [*(body.name for body in picks.open_tool), *picks.gripper]
         hand += [link for link in urdf.links if moved_by(urdf, link, picks.grip)]
@@ -332,7 +332,7 @@ def _without(scene: Scene, names: tuple[str, ...]) -> Scene:
     left = scene.remove(*names)
     flipped = [(a, b) if b in left.names else (b, a) for a, b in scene.allowed]
     allowed = [(a, b) for a, b in flipped if b in left.names and (a in names or (a, b) in left.allowed)]
-    return Scene(left.obstacles, allowed=allowed, disabled=left.disabled, notes=left.notes, source=left.source)
+    return replace(left, allowed=tuple(allowed), frame="", margins=scene.margins)
 
 
 def _geometry(obstacle: Obstacle) -> LinkGeometry:

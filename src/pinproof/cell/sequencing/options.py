@@ -94,7 +94,9 @@ def without_parts(arm: Arm, scene: Scene, picks: Picks) -> tuple[Scene, Picks]:
         name: NamedFrame(root_from_frame(name, picks.frames, scene, arm)) if of_part(name) else frame
         for name, frame in picks.frames.items()
     }
-    return scene.remove(*sorted(parts)), replace(picks, picks=tuple(map(alone, picks)), frames=frames)
+    return replace(scene.remove(*sorted(parts)), margins=scene.margins), replace(
+        picks, picks=tuple(map(alone, picks)), frames=frames
+    )
 
 
 def other_supports(support: str | Sequence[str] | None, parts: AbstractSet[str]) -> tuple[str, ...] | None:

@@ -28,7 +28,7 @@ from pinproof.collision.checking.links import DECOMPOSED, EXACT, LinkBodies, Lin
 from pinproof.collision.checking.pairs import PairRules, overlap_levels, unexplained_pairs
 from pinproof.collision.checking.penetration import crossing_depth
 from pinproof.collision.checking.placed_bodies import Distance, FixedPairs, PlacedBodies
-from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair
+from pinproof.collision.checking.spec import Changeable, CheckerSpec, Levels, Pair, margins_of
 from pinproof.collision.geometry.bodies import Body, CellsBody, with_triangles
 from pinproof.collision.geometry.shapes import Obstacle
 from pinproof.collision.scene import Scene
@@ -178,6 +178,14 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
                 housing=housing,
             )
         )
+        self._require_bodies(margins or {}, "margins")
+        self._require_bodies(margins_of(self.scene), f"the margins of {self.scene.where}")
+
+    def _require_bodies(self, margins: Mapping[Any, float], where: str) -> None:
+        """Raise UnknownNameError if margins of pairs are for bodies that this checker does not have."""
+        for name in (name for pair in margins for name in sorted(pair)):
+            if name not in self._owners[0]:
+                raise UnknownNameError("body", name, tuple(self._owners[0]), where)
 
     @classmethod
     def of(cls, spec: CheckerSpec) -> CollisionChecker:
@@ -422,6 +430,22 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         """Return the checker in which pairs of owners have at least these levels of detail."""
         return self._derived(replace(self.spec, finer=levels), ("levels", frozenset(levels.items())))
 
+    def with_margin(
+        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
+    ) -> CollisionChecker:
+        """Return the same bodies and pairs with other margins (m); None keeps the present ones.
+
+        ``margins`` replaces those of single pairs, except those that the scene alone states.
+        """
+        self._require_bodies(margins or {}, "margins")
+        return super().with_margin(margin, margins)
+
+    def with_scene(self, scene: Scene) -> CollisionChecker:
+        """Return the same arm and attached objects in another scene, see :meth:`CheckerSpec.with_scene`."""
+        other = super().with_scene(scene)
+        other._require_bodies(margins_of(scene), f"the margins of {scene.where}")
+        return other
+
     def _derived(self, spec: CheckerSpec, key: Hashable = None, *, assemble: bool = False) -> CollisionChecker:
         """Return the checker of a specification that was derived from this one's; with a key, it is kept."""
         if key is not None and key in self._kept:
@@ -588,14 +612,12 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
             margins = np.full(len(pairs.checked), spec.margin, dtype=float)
             if spec.margins:
                 numbers, owners = self._owners
-                named = sorted({name for pair in spec.margins for name in pair})
-                for name in named:
-                    if name not in numbers:
-                        raise UnknownNameError("body", name, tuple(numbers), "margins")
+                present = {pair: own for pair, own in spec.margins.items() if numbers.keys() >= pair}
+                named = sorted({name for pair in present for name in pair})
                 # A table of the named owners, in which all others are the last row and column
                 row = {name: k for k, name in enumerate(named)}
                 table = np.full((len(named) + 1, len(named) + 1), spec.margin, dtype=float)
-                for (one, other), margin in spec.margins.items():
+                for (one, other), margin in present.items():
                     table[row[one], row[other]] = table[row[other], row[one]] = margin
                 rows = np.full(len(numbers), len(named))
                 rows[[numbers[name] for name in named]] = np.arange(len(named))

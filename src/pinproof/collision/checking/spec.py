@@ -70,12 +70,15 @@ class Changeable(metaclass=ABCMeta):
     def with_margin(
         self: Own, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> Own:
-        """Return the same bodies and pairs with other margins (m); None keeps the present ones."""
+        """Return the same bodies and pairs with other margins (m); None keeps the present ones.
+
+        ``margins`` replaces those of single pairs, except those that the scene alone states.
+        """
         spec = self.spec
         common = spec.margin if margin is None else checked_margin("margin", margin)
         if margins is None:
             return self._changed(("margin", common), margin=common)
-        return self._changed(margin=common, margins=_checked_pairs(margins))
+        return self._changed(margin=common, margins={**margins_of(spec.scene), **_checked_pairs(margins)})
 
     def padded(self: Own, by: float) -> Own:
         """Return the same with all margins increased by ``by`` metres, those of single pairs included."""
@@ -90,7 +93,8 @@ class Changeable(metaclass=ABCMeta):
     def with_scene(self: Own, scene: Scene) -> Own:
         """Return the same arm and attached objects in another scene.
 
-        Margins and allowed contacts of obstacles that it does not have are dropped.
+        Allowed contacts of obstacles that it does not have are dropped. Margins of pairs are kept for bodies that
+        return, such as a part that is put down; those of the scene replace those of the present one.
         """
         require_type("scene", scene, Scene)
         return self._surrounded(scene, self.spec.attached)
@@ -105,11 +109,12 @@ class Changeable(metaclass=ABCMeta):
 
     def _surrounded(self: Own, scene: Scene, attached: tuple[Obstacle, ...]) -> Own:
         spec, allowed, margins = self.spec, self.spec.allowed, self.spec.margins
-        if allowed or margins:
+        if allowed:
             before = {*spec.scene.names, *(thing.name for thing in spec.attached)}
             gone = before.difference(scene.names, (thing.name for thing in attached))
             allowed = tuple(pair for pair in allowed if not gone & set(pair))
-            margins = {pair: own for pair, own in margins.items() if not gone & pair}
+        if stated := {pair: own for pair, own in margins_of(scene).items() if own != margins_of(spec.scene).get(pair)}:
+            margins = {**margins, **stated}
         return self._changed(scene=scene, attached=attached, allowed=allowed, margins=margins)
 
     def with_held(self: Own, held: Mapping[str, float]) -> Own:
@@ -136,7 +141,9 @@ class CheckerSpec(Changeable):
     The parameters are those of the checker, which has the same methods; the checkers that these return share with it
     what the change leaves as it is. ``obstacle_tolerance`` (m) increases the margins of pairs with an obstacle,
     which may then be displaced by as much. ``finer`` adds levels of detail of pairs of owners to those that the checker
-    chooses. InputError if a margin is negative or not finite, or is for a pair that is not two names.
+    chooses. ``margins`` has those of the scene too, unless they are stated for the same pair; those of bodies that do
+    not exist have no effect, because a task attaches bodies and removes them. InputError if a margin is negative or not
+    finite, or is for a pair that is not two names.
     """
 
     arm: JointGroup
@@ -156,7 +163,7 @@ class CheckerSpec(Changeable):
         require_type("scene", self.scene, Scene)
         checked = {
             "margin": checked_margin("margin", self.margin),
-            "margins": _checked_pairs(self.margins),
+            "margins": {**margins_of(self.scene), **_checked_pairs(self.margins)},
             "attached": tuple(self.attached),
             "allowed": tuple((str(a), str(b)) for a, b in self.allowed),
             "housing": None if self.housing is None else checked_margin("housing", self.housing),
@@ -219,6 +226,11 @@ def checked_margin(name: str, margin: float) -> float:
     if not math.isfinite(value) or value < 0:
         raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
     return value
+
+
+def margins_of(scene: Scene) -> dict[Pair, float]:
+    """Return the margins of pairs that a scene states."""
+    return {frozenset(own.between): own.margin for own in scene.margins}
 
 
 def _checked_pairs(margins: Mapping[Any, float]) -> Mapping[Pair, float]:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Scene
+from pinproof.collision import MARGIN, PAIR_MARGINS, PairMargin, Scene
 from pinproof.common import structs as st
 from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
@@ -24,16 +24,6 @@ from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.settings import Conveyor, PickBudget
 from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
-from pinproof.units import MOST_MARGIN, warn_of_millimetres
-
-
-def _margin(name: str, value: object) -> float:
-    margin = require_number(name, value, "m", minimum=0)
-    warn_of_millimetres(name, [margin], most=MOST_MARGIN)
-    return margin
-
-
-MARGIN = st.simple(st.number(minimum=0).schema, _margin, st.parsed)
 
 
 @st.struct("frame", eq=False)
@@ -73,16 +63,6 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
         raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
-
-
-@st.struct("pair_margin")
-class PairMargin:
-    """The margin of one pair of bodies."""
-
-    between: tuple[str, ...] = st.key(
-        "the two bodies: links, bodies of a tool or obstacles", kind=st.list_of(st.TEXT, 2, 2)
-    )
-    margin: float = st.key("smallest allowed distance between them, in place of that of all bodies", "m", kind=MARGIN)
 
 
 @st.struct("problem", written=True)
@@ -178,9 +158,10 @@ class Picks(RobotAndHand, Shown):
     frames: Mapping[str, NamedFrame] = st.key("named frames for the poses of picks and places", default_factory=dict)
     margin: float = st.key("smallest allowed distance between any two bodies", "m", default=0.0, kind=MARGIN)
     margins: tuple[PairMargin, ...] = st.key(
-        "margins of pairs of bodies, which replace `margin`. Two links of one gripper need no margin: they are checked "
-        "for contact, unless the SRDF disables the pair",
+        "margins of pairs of bodies, which replace `margin` and those of the same pair in the scene file. Two "
+        "links of one gripper need no margin: they are checked for contact, unless the SRDF disables the pair",
         default=(),
+        kind=PAIR_MARGINS,
     )
     torque_limits: bool = st.key(
         "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",

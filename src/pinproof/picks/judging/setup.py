@@ -333,6 +333,7 @@ class PickSetup:
         kinematics = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
         attached = {each.name for each in self.checker.attached}
         obstacles = [body.content() for body in self.checker.bodies if body.link is None]
+        margins = sorted((*sorted(pair), margin) for pair, margin in self.checker.spec.margins.items())
         tool = [body.content() for body in self.checker.bodies if body.owner in attached]
         return {
             "robot": f"{arm.robot.name} {digest(kinematics)}",
@@ -349,7 +350,7 @@ class PickSetup:
             "payload": digest((shared.payload, shared.torque_limits)),
             "straight": shared.straight,
             "frames": digest(shared.frames),
-            **({"margins": digest(shared.margins)} if shared.margins else {}),
+            **({"margins": digest(margins)} if margins else {}),
             **({"tools": digest((shared.tools, shared.tool_change))} if shared.tools else {}),
             **({"parts": digest(shared.parts)} if shared.parts else {}),
             "judged by": digest((self.weights, self.budget)),

@@ -13,17 +13,19 @@ import numpy.typing as npt
 
 from pinproof.collision import (
     TOUCH,
+    CheckerSpec,
     CollisionChecker,
     LineSurface,
     Obstacle,
     Scene,
     Upright,
     directions_to_facets,
+    margins_of,
     point_distance,
 )
 from pinproof.description import moved_by
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.motion import HoldLimits, RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, family, support_names
 from pinproof.picks.input.picks import Picks, root_from_frame
@@ -206,7 +208,7 @@ class PickCell:
         excluded = {frozenset(pair.owners) for pair in checker.excluded}
         moved = checker.with_attached(*(body for bodies in self.swept.values() for body in bodies))
         owners = moved.obstacles_and_links
-        return with_margins(moved, self.shared, swept).allowing(
+        return with_gripper_margins(moved, self.shared, swept).allowing(
             *(
                 (name, other)
                 for name, finger in swept.items()
@@ -288,44 +290,53 @@ def gripper_links(arm: Arm, picks: Picks) -> tuple[str, ...]:
     return tuple(link for link in urdf.links if moved_by(urdf, link, grip) or moved_by(urdf, link, joints) == still)
 
 
-def with_margins(checker: CollisionChecker, picks: Picks, swept: Mapping[str, str] | None = None) -> CollisionChecker:
-    """The checker with the margins of pairs of bodies that it has: those of the picks, and 0 within a gripper.
+def with_gripper_margins(
+    checker: CollisionChecker, picks: Picks, swept: Mapping[str, str] | None = None
+) -> CollisionChecker:
+    """The checker with a margin of 0 for pairs within a gripper for which none is stated.
 
     ``swept`` names the finger of each swept volume, which has the margins of this finger.
     """
-    if not picks.margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
+    margins = checker.spec.margins
+    if not margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
         return checker
     links = gripper_links(checker.arm, picks)
-    pairs: dict[frozenset[str], float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)}
-    pairs |= {frozenset(own.between): own.margin for own in picks.margins}
+    wanted: dict[Any, float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)} | dict(margins)
     for volume, finger in (swept or {}).items():
-        pairs |= {pair - {finger} | {volume}: margin for pair, margin in pairs.items() if finger in pair}
-    there = set(checker.obstacles_and_links)
-    wanted: Any = {pair: margin for pair, margin in pairs.items() if pair <= there}
-    return checker if wanted == checker.spec.margins else checker.with_margin(margins=wanted)
+        wanted |= {pair - {finger} | {volume}: margin for pair, margin in wanted.items() if finger in pair}
+    return checker if wanted == margins else checker.with_spec(replace(checker.spec, margins=wanted))
 
 
 def with_hand(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
     """The checker of an arm with another hand, which is open."""
-    return with_margins(checker.with_held(picks.held).with_attached(*picks.open_tool), picks)
+    return with_gripper_margins(checker.with_held(picks.held).with_attached(*picks.open_tool), picks)
 
 
 def checker_of_picks(arm: Arm, scene: Scene, picks: Picks) -> CollisionChecker:
     """The checker of an arm in its cell with the open hand of picks.
 
+    Its scene states no margins of pairs: those of the scene and of the picks, which have precedence, are its own.
+
     Raises
     ------
     UnknownNameError
-        If a margin of the picks is for a body that does not exist.
+        If a margin of the scene or of the picks is for a body that does not exist.
     """
-    checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+    checker = CollisionChecker.of(spec_of_picks(arm, scene, picks))
     names = {*checker.obstacles_and_links, *(body.name for tool in picks.tools.values() for body in tool.open_tool)}
     names |= {pick.carried.name for pick in picks.picks if isinstance(pick.carried, Obstacle)}
-    for own in picks.margins:
-        for name in own.between:
+    for where, margins in (("the picks", picks.margins), (scene.where, scene.margins)):
+        for name in (name for own in margins for name in own.between):
             if name not in names:
-                raise UnknownNameError("body", name, names, "the margins of the picks")
-    return with_margins(checker, picks)
+                raise UnknownNameError("body", name, names, f"the margins of {where}")
+    return with_gripper_margins(checker, picks)
+
+
+def spec_of_picks(arm: JointGroup, scene: Scene, picks: Picks) -> CheckerSpec:
+    """What :func:`checker_of_picks` checks, without a test of the names of margins and without those of grippers."""
+    margins = {**margins_of(scene), **{frozenset(own.between): own.margin for own in picks.margins}}
+    bare = replace(scene, margins=()) if scene.margins else scene
+    return CheckerSpec(arm, bare, margin=picks.margin, margins=margins, attached=picks.open_tool)
 
 
 FAR_GRASP = 0.1
@@ -481,8 +492,6 @@ class PickTask:
             return self._allowing_hand(self.before(member))
         part = replace(self.pick.carried, pose=self.grasp(member) * self.pick.carried.pose)
         checker = self.outside.with_scene(self.scene.add(part))
-        if self.cell.shared.margins:
-            checker = with_margins(checker, self.cell.shared)
         return checker if self.pick.approach else self._allowing_hand(checker)
 
     @cached_property
@@ -747,8 +756,6 @@ class PickTask:
     def _allowing_hand(self, checker: CollisionChecker, closing: PickCell | None = None) -> CollisionChecker:
         """The checker in which the hand may touch the object, with the swept volumes of the cell of a closing hand."""
         swept = {} if closing is None else {body.name: of for of, bodies in closing.swept.items() for body in bodies}
-        if self.cell.shared.margins:  # those of the object were lost while it changed its place
-            checker = with_margins(checker, self.cell.shared, swept)
         there = checker.obstacles_and_links
         return checker.allowing(*((each, str(self.name)) for each in (*self.cell.hand, *swept) if each in there))
 

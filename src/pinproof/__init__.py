@@ -22,6 +22,7 @@ _HOME = {  # package: the names that the top level exports
         "Mover Obstacle OccupancyGrid PointCloud Scene Sphere Upright Within audit certify verify_proof"
     ),
     "pinproof.planning": ("MotionPlan PlanResult RrtConnect blend optimise plan plan_linear replan shortcut simplify"),
+    "pinproof.tool_paths": "ToolPath follow",
     "pinproof.viewer": "show write_html write_png",
     "pinproof.execution": "Monitor MotionLibrary",
     "pinproof.picks": "Campaign Pick Picks reach_map read_picks screen_picks validate_picks",
@@ -44,6 +45,7 @@ _PACKAGES = (
     "picks",
     "planning",
     "spatial",
+    "tool_paths",
     "verifier",
     "viewer",
 )

@@ -1010,6 +1010,33 @@ class EdgeChecker:
     @property
     def samples(self) -> int: ...
 
+class LadderCourse:
+    @property
+    def cost(self) -> float: ...
+    @property
+    def nodes(self) -> NDArray[numpy.int64]: ...
+    @property
+    def reachable(self) -> NDArray[numpy.int64]: ...
+
+class Ladder:
+    def __init__(
+        self,
+        counts: NDArray[numpy.int64],
+        q: NDArray[numpy.float64],
+        cost: NDArray[numpy.float64],
+        period: NDArray[numpy.float64],
+        speed: NDArray[numpy.float64],
+        reach: NDArray[numpy.float64],
+        least: NDArray[numpy.float64],
+        duration: NDArray[numpy.float64],
+        *,
+        time: float,
+        travel: float,
+        effort: float,
+    ) -> None: ...
+    def solve(self, first: int, last: int) -> LadderCourse: ...
+    def remove(self, node: int, next: int) -> None: ...
+
 class Manifold:
     def __init__(
         self,

@@ -7,6 +7,7 @@
 #include "bindings/structs.h"
 #include "common/threads.h"
 #include "planning/edge_checker.h"
+#include "planning/ladder.h"
 #include "planning/manifold.h"
 #include "planning/rrt_connect.h"
 #include "planning/shortcut.h"
@@ -274,10 +275,61 @@ std::vector<int> first_of(const TourProblem& problem, const Indices& first) {
     return tour;
 }
 
+std::size_t rung_of(const Ladder& ladder, std::int64_t rung) {
+    if (rung < 0 || static_cast<std::size_t>(rung) >= ladder.rungs()) refuse("no such rung");
+    return static_cast<std::size_t>(rung);
+}
+
+void bind_ladder(nb::module_& module) {
+    nb::class_<LadderCourse>(module, "LadderCourse")
+        .def_ro("cost", &LadderCourse::cost)
+        .def_prop_ro("nodes", [](const LadderCourse& self) { return array_of<std::int64_t>(self.nodes); },
+                     "The number of one node of each rung, up to the farthest rung that can be reached.")
+        .def_prop_ro("reachable", [](const LadderCourse& self) { return array_of<std::int64_t>(self.reachable); },
+                     "The numbers of the nodes of the last of these rungs that can be reached.");
+    nb::class_<Ladder>(module, "Ladder", "The best sequence of configurations through the rungs of a ladder graph.")
+        .def(nb::new_([](const Indices& counts, const Matrix& q, const Vector& cost, const Vector& period,
+                         const Vector& speed, const Matrix& reach, const Vector& least, const Vector& duration,
+                         double time, double travel, double effort) {
+                 LadderGraph graph;
+                 graph.first = {0};
+                 for (std::int64_t count : shaped("counts", counts, {kSome}))
+                     graph.first.push_back(graph.first.back() + static_cast<std::size_t>(counted("counts", count)));
+                 const std::size_t nodes = graph.first.back(), steps = graph.first.size() - 2, n = period.shape(0);
+                 graph.dof = n;
+                 graph.q = list_of(finite("q", q, {nodes, n}));
+                 graph.cost = list_of(finite("cost", cost, {nodes}));
+                 graph.period = list_of(finite("period", period, {kSome}));
+                 graph.speed = list_of(finite("speed", speed, {n}));
+                 graph.reach = list_of(shaped("reach", reach, {steps, n}));
+                 graph.least = list_of(finite("least", least, {steps}));
+                 graph.duration = list_of(finite("duration", duration, {steps}));
+                 for (double each : graph.speed) positive("speed", each);
+                 for (double each : graph.duration) positive("duration", each);
+                 graph.weights = {finite("time", time), finite("travel", travel), finite("effort", effort)};
+                 return Ladder(std::move(graph));
+             }), "counts"_a, "q"_a, "cost"_a, "period"_a, "speed"_a, "reach"_a, "least"_a, "duration"_a, nb::kw_only(),
+             "time"_a, "travel"_a, "effort"_a,
+             "R rungs with counts (R,) of the nodes q (N, n); cost (N,) of the nodes; period and speed (n,) of the joints, "
+             "0 for joints whose values are not periodic; reach (R - 1, n), least and duration (R - 1,) between rungs.")
+        .def("solve", [](const Ladder& self, std::int64_t from, std::int64_t to) {
+                const std::size_t begin = rung_of(self, from), end = rung_of(self, to);
+                if (begin > end) refuse("the last rung comes before the first one");
+                nb::gil_scoped_release release;
+                return self.solve(begin, end);
+            }, "first"_a, "last"_a, "The cheapest sequence from a rung to another one, or to the farthest before it.")
+        .def("remove", [](Ladder& self, std::int64_t node, std::int64_t next) {
+                for (std::int64_t each : {node, next})
+                    if (each < 0 || static_cast<std::size_t>(each) >= self.size()) refuse("no such node");
+                self.remove(static_cast<std::size_t>(node), static_cast<std::size_t>(next));
+            }, "node"_a, "next"_a, "Remove the edge between two nodes.");
+}
+
 }  // namespace
 
 void bind_planning(nb::module_& module) {
     bind_edges(module);
+    bind_ladder(module);
     bind_manifold(module);
     bind_search(module);
     bind_staggered_moves(module);

@@ -102,7 +102,7 @@ from pinproof.motion.steering import (
     Steering as Steering,
     rest as rest,
 )
-from pinproof.motion.timing import time_parametrise as time_parametrise
+from pinproof.motion.timing import IMAGE_TOLERANCE as IMAGE_TOLERANCE, time_parametrise as time_parametrise
 from pinproof.motion.trajectory import Trajectory as Trajectory
 from pinproof.motion.trajectory_files import (
     MOTION as MOTION,

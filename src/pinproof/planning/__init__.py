@@ -13,7 +13,12 @@ from pinproof.planning.coordination import (
     coordinate as coordinate,
     plan_arms as plan_arms,
 )
-from pinproof.planning.follow import Route as Route, RouteFollower as RouteFollower
+from pinproof.planning.follow import (
+    Route as Route,
+    RouteFollower as RouteFollower,
+    nearest_target as nearest_target,
+    routes_through as routes_through,
+)
 from pinproof.planning.goals import Goal as Goal, GoalPose as GoalPose
 from pinproof.planning.motion_plan import MotionPlan as MotionPlan, plan as plan
 from pinproof.planning.moves import MovingEnds as MovingEnds

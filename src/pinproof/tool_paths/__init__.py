@@ -1,0 +1,15 @@
+"""Tool paths: the best joint motion along a whole path of the tool, certified, or why there is none."""
+
+from pinproof.common import faces
+from pinproof.tool_paths.follow import follow as follow
+from pinproof.tool_paths.path import ToolPath as ToolPath
+from pinproof.tool_paths.result import (
+    BlockedPose as BlockedPose,
+    FollowPlan as FollowPlan,
+    FollowStatus as FollowStatus,
+    Obstruction as Obstruction,
+    PathPiece as PathPiece,
+)
+from pinproof.tool_paths.rungs import COSTS as COSTS, FollowCosts as FollowCosts
+
+__all__ = faces.exported(globals())

@@ -1,0 +1,319 @@
+"""The rungs of a ladder graph: all configurations of an arm at the poses of a tool path, and the best way through them.
+
+A rung is a pose of the route on which the tool moves. Its nodes are the IK solutions of that pose for each rotation of
+the tool about its axis, each tilt, and each value of a redundant joint, within the limits and free of contact. The core
+(``src/core/planning/ladder.h``) finds the cheapest sequence of nodes by dynamic programming.
+
+A joint that can rotate by more than a full revolution has several windings for each solution. They are not separate
+nodes: its steps are compared modulo 2 pi. If the optimum then fits into the limits with one of the windings at the
+start, it is the optimum over all windings too, because the windings were a relaxation. Otherwise the windings of the
+joint that does not fit become separate nodes, and the search is repeated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import Ladder
+from pinproof.collision import CollisionChecker
+from pinproof.common.structs import described, key
+from pinproof.errors import NoClosedForm
+from pinproof.ik import AnalyticIk, Clik, IkTask
+from pinproof.model import AT_LIMIT, Arm
+from pinproof.planning import Route
+from pinproof.spatial import Array
+
+TURN = 2.0 * np.pi
+# Number of different configurations that are searched for at each pose and rotation if the arm has no closed form.
+SAMPLED = 8
+# M: distance of bodies at which half of the cost of the clearance is reached.
+CLEARANCE = 0.02
+# Smallest singular value at which half of the cost of singularities is reached: 10 rad/s of a joint for 1 m/s.
+SINGULAR = 0.1
+# Least duration (s) between rungs for the cost of the effort.
+SHORTEST = 1e-3
+
+Flags = npt.NDArray[np.bool_]
+
+
+@described(kw_only=True)
+class FollowCosts:
+    """The weights of the cost of a motion along a tool path, which is in seconds if they are 1.
+
+    With the shares r of the velocity limits that the joints use, the cost is the integral over the time at tool speed
+    of the weighted sum of these terms. A term that is not computed for weight 0 costs time otherwise.
+    """
+
+    time: float = key("1, and more where a joint is too slow for the speed of the tool", default=1.0, minimum=0)
+    travel: float = key("the sum of r over the joints", default=0.1, minimum=0)
+    effort: float = key("the sum of r^2 over the joints, which makes motions even", default=1.0, minimum=0)
+    limits: float = key(
+        "the largest square over the joints of the distance from the middle of the range divided by half of the range; "
+        "joints that can rotate by more than a full revolution do not count",
+        default=0.0,
+        minimum=0,
+    )
+    singularity: float = key("s / (s + w), with the smallest singular value w of the Jacobian", default=0.0, minimum=0)
+    clearance: float = key("20 mm / (20 mm + d), with the distance d of the closest bodies", default=0.0, minimum=0)
+
+
+COSTS = {
+    "balanced": FollowCosts(),
+    "time": FollowCosts(travel=0.0, effort=1e-3),
+    "travel": FollowCosts(time=0.1, travel=1.0, effort=1e-3),
+    "limits": FollowCosts(limits=10.0),
+    "singularity": FollowCosts(singularity=10.0),
+    "clearance": FollowCosts(clearance=10.0),
+}
+"""The costs that have a name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The values over which the nodes of a rung are computed.
+
+    ``rotations`` (k,) are angles (rad) about the axis of the tool, ``tilts`` (m, 3, 3) rotations of the tool that come
+    before, and ``redundant`` (v,) values of the redundant joint, None for an arm without one.
+    """
+
+    rotations: Array
+    tilts: Array
+    redundant: Array | None = None
+
+    @cached_property
+    def turns(self) -> Array:
+        """(m k, 4, 4) the poses of the tcp in the frame of a pose of the route."""
+        cosine, sine, zero = np.cos(self.rotations), np.sin(self.rotations), np.zeros_like(self.rotations)
+        spin = np.array([[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
+        turns = np.tile(np.eye(4), (len(self.tilts) * len(spin), 1, 1))
+        turns[:, :3, :3] = (self.tilts[:, None] @ spin[None]).reshape(-1, 3, 3)
+        return turns
+
+
+@dataclass(eq=False)
+class Rung:
+    """A pose of a route with its nodes; ``at`` is the index of the pose of the path, a fraction between two poses.
+
+    ``q`` (m, n) are all IK solutions within the limits, ``free`` (m,) which of them have no contact, and ``turn`` (m,)
+    the index in :attr:`Grid.turns` of each. ``outside`` solutions exist outside the limits. ``complete`` states that no
+    other solution exists at the rotations and tilts of the grid. ``removed`` are the edges to the next rung, as pairs
+    of rows of :attr:`nodes`, along which no curve was found.
+    """
+
+    route: int
+    s: float
+    place: Array
+    at: float
+    q: Array = field(default_factory=lambda: np.empty((0, 0)))
+    free: Flags = field(default_factory=lambda: np.empty(0, dtype=bool))
+    turn: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    outside: int = 0
+    complete: bool = False
+    rates: Array = field(default_factory=lambda: np.empty(0))  # (k,) the costs of the nodes per second
+    removed: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def nodes(self) -> Array:
+        """(k, n) the nodes without contact."""
+        return self.q[self.free]
+
+
+def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask, costs: FollowCosts, rng: int) -> None:
+    """Compute the nodes of rungs."""
+    arm, turns, count = checker.arm, grid.turns, len(rungs)
+    places = np.array([rung.place for rung in rungs]).reshape(-1, 4, 4)
+    outside, complete = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    try:
+        targets = (places[:, None] @ turns[None]).reshape(-1, 4, 4)
+        found = AnalyticIk().solve_all_batch(arm, targets, redundant_values=grid.redundant)
+        exists = np.arange(found.q.shape[1]) < found.count[:, None]
+        q, turn = found.q[exists], np.nonzero(exists)[0] % len(turns)
+        counts = found.count.reshape(count, -1).sum(axis=1)
+        outside, complete = found.outside.reshape(count, -1).sum(axis=1), found.complete.reshape(count, -1).all(axis=1)
+    except NoClosedForm:
+        # Different solutions from random starts; a rotation that is free is left to the search
+        solver, turns = Clik(restarts=SAMPLED), turns if task == IkTask() else turns[:1]
+        many = [
+            solver.solve_many(arm, place @ change, rng=rng, count=SAMPLED, task=task).q
+            for place in places
+            for change in turns
+        ]
+        q, turn = np.concatenate(many), np.repeat(np.arange(len(many)) % len(turns), [len(part) for part in many])
+        counts = np.array([len(part) for part in many]).reshape(count, -1).sum(axis=1)
+    free = checker.is_free_batch(q) if len(q) else np.empty(0, dtype=bool)
+    rates, start = _rates(checker, q[free], costs), 0
+    for number, rung in enumerate(rungs):
+        rows = slice(start, start := start + int(counts[number]))
+        first = int(free[: rows.start].sum())
+        rung.q, rung.free, rung.turn = q[rows], free[rows], turn[rows]
+        rung.rates = rates[first : first + int(rung.free.sum())]
+        rung.outside, rung.complete = int(outside[number]), bool(complete[number])
+
+
+def _rates(checker: CollisionChecker, q: Array, costs: FollowCosts) -> Array:
+    """(N,) the costs per second of configurations (N, n) by themselves."""
+    arm, limits, total = checker.arm, checker.arm.limits, np.zeros(len(q))
+    if not len(q):
+        return total
+    if costs.limits:
+        span = limits.upper - limits.lower
+        counted = np.isfinite(span) & ~_wide(arm)
+        offset = 2.0 * (q - 0.5 * (limits.lower + limits.upper))[:, counted] / span[counted]
+        total += costs.limits * (offset**2).max(axis=1, initial=0.0)
+    if costs.singularity:
+        values = np.linalg.svd(arm.jacobian_batch(q), compute_uv=False)[:, -1]
+        total += costs.singularity * SINGULAR / (SINGULAR + values)
+    if costs.clearance:
+        distance = np.maximum(checker.clearance_batch(q), 0.0)
+        total += costs.clearance * CLEARANCE / (CLEARANCE + distance)
+    return total
+
+
+def _wide(arm: Arm) -> Flags:
+    """(n,) which joints can rotate by more than a full revolution."""
+    return np.asarray(arm.periodic & ~(arm.limits.upper - arm.limits.lower <= TURN))
+
+
+@dataclass(frozen=True, eq=False)
+class LadderSettings:
+    """How rungs are connected; see :func:`pinproof.follow`.
+
+    A step from rung to rung is within reach if the joints can make it while the tool moves at its speed times
+    ``slowest``, or in ``steps`` (s), which permits a step of the grid. No joint moves farther than ``jump`` (n,).
+    """
+
+    costs: FollowCosts
+    steps: float
+    slowest: float
+    jump: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The best sequence from one rung to the farthest one: q (k, n), its cost, and the nodes that can be reached last.
+
+    ``nodes`` (k,) are the rows of :attr:`Rung.nodes`, ``reachable`` (r, n) configurations of the last rung.
+    """
+
+    q: Array
+    nodes: npt.NDArray[np.int64]
+    cost: float
+    reachable: Array
+
+
+class RungLadder:
+    """The ladder graph over rungs.
+
+    ``durations`` (R - 1,) are the times (s) between the rungs at the speed of the tool, ``timed`` (R - 1,) states for
+    which of them a speed is stated.
+    """
+
+    def __init__(self, arm: Arm, rungs: list[Rung], durations: Array, timed: Flags, settings: LadderSettings) -> None:
+        self.arm, self._rungs, self._settings = arm, rungs, settings
+        self.durations, self._timed = durations, timed
+        self._split: list[int] = []  # the joints whose windings are separate nodes
+        self._build()
+
+    def solve(self, first: int, last: int) -> Course:
+        """The cheapest sequence from one rung to another one, or to the farthest before it, within all limits."""
+        while True:
+            found = self._ladder.solve(first, last)
+            q, misfit = self._unwound(self._q[found.nodes])
+            if misfit is None:
+                nodes = self._node[found.nodes]
+                return Course(q, nodes, found.cost if len(nodes) else 0.0, self._q[found.reachable])
+            self._split.append(misfit)
+            self._build()
+
+    def _build(self) -> None:
+        """The graph, with a node for each winding of the joints that are split."""
+        arm, limits, settings = self.arm, self.arm.limits, self._settings
+        share = np.zeros(len(self._rungs))  # the time that belongs to each rung
+        share[:-1] += 0.5 * self.durations
+        share[1:] += 0.5 * self.durations
+        parts, nodes = [], []
+        for rung in self._rungs:
+            q, node = rung.nodes, np.arange(len(rung.rates))
+            for joint in self._split if len(q) else ():
+                value = q[:, joint]
+                fewest = int(np.ceil((limits.lower[joint] - AT_LIMIT - value.max()) / TURN))
+                most = int(np.floor((limits.upper[joint] + AT_LIMIT - value.min()) / TURN))
+                windings = [(q + TURN * k * (np.arange(arm.dof) == joint), node) for k in range(fewest, most + 1)]
+                q, node = (np.concatenate(both) for both in zip(*windings, strict=True))
+                inside = np.abs(limits.clip(q) - q)[:, joint] <= AT_LIMIT
+                q, node = q[inside], node[inside]
+            parts.append(q.reshape(-1, arm.dof))
+            nodes.append(node)
+        counts = np.array([len(part) for part in parts], dtype=np.int64)
+        self._q, self._node = np.ascontiguousarray(np.concatenate(parts)), np.concatenate(nodes)
+        costs = np.concatenate([time * rung.rates[node] for time, rung, node in zip(share, self._rungs, nodes)])
+        period = np.where(_wide(arm), TURN, 0.0)
+        period[self._split] = 0.0
+        speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
+        seconds = np.where(self._timed, self.durations / settings.slowest, np.inf)
+        reach = np.minimum(speed * np.maximum(seconds, settings.steps)[:, None], settings.jump)
+        self._ladder = Ladder(
+            counts, self._q, costs, period, speed, np.ascontiguousarray(reach),
+            np.where(self._timed, self.durations, 0.0), np.maximum(self.durations, SHORTEST),
+            time=settings.costs.time, travel=settings.costs.travel, effort=settings.costs.effort,
+        )  # fmt: skip
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        for number, rung in enumerate(self._rungs):
+            for edge in rung.removed:
+                windings = [
+                    (starts[number + end] + np.flatnonzero(nodes[number + end] == node)).tolist()
+                    for end, node in enumerate(edge)
+                ]
+                for here, there in product(*windings):
+                    self._ladder.remove(here, there)
+
+    def _unwound(self, q: Array) -> tuple[Array, int | None]:
+        """The sequence (k, n) with the shortest steps of the joints with several windings, within the limits.
+
+        The second result is a joint that does not fit into its limits with any winding, if there is one.
+        """
+        q, limits = q.copy(), self.arm.limits
+        for joint in np.flatnonzero(_wide(self.arm)).tolist() if len(q) else ():
+            if joint in self._split:
+                continue
+            steps = np.diff(q[:, joint])
+            q[1:, joint] = q[0, joint] + np.cumsum(steps - TURN * np.round(steps / TURN))
+            low, high = float(q[:, joint].min()), float(q[:, joint].max())
+            if not np.isfinite(limits.upper[joint] - limits.lower[joint]):
+                continue
+            fewest = np.ceil((limits.lower[joint] - AT_LIMIT - low) / TURN)
+            most = np.floor((limits.upper[joint] + AT_LIMIT - high) / TURN)
+            if fewest > most:
+                return q, joint
+            # The winding that keeps the joint closest to the middle of its range
+            middle = 0.5 * (limits.lower[joint] + limits.upper[joint] - low - high)
+            q[:, joint] += TURN * np.clip(np.round(middle / TURN), fewest, most)
+        return limits.clip(q), None
+
+
+def rungs_of(routes: list[Route], first: float, step: float, angle: float) -> list[Rung]:
+    """The rungs of routes that follow one another: the poses that they pass, and more where these are farther apart.
+
+    ``first`` is the index of the pose at which the first route begins. Two rungs are at most ``step`` (m) and ``angle``
+    (rad) apart. A route ends where the next one begins, which is one rung.
+    """
+    rungs, at = [Rung(0, 0.0, routes[0].poses(np.zeros(1))[0], first)], first
+    for number, route in enumerate(routes):
+        begin = 0.0
+        for end in route.passes:
+            places = route.poses(np.array([begin, end]))
+            distance = float(np.linalg.norm(places[1, :3, 3] - places[0, :3, 3]))
+            cosine = 0.5 * (np.trace(places[0, :3, :3].T @ places[1, :3, :3]) - 1.0)
+            turned = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+            parts = max(1, int(np.ceil(distance / step - 1e-9)), int(np.ceil(turned / angle - 1e-9)))
+            shares = np.arange(1, parts + 1) / parts
+            parameters = np.append(begin + (end - begin) * shares[:-1], end)
+            ats = np.append(at + shares[:-1], at + 1.0)
+            rungs += [Rung(number, *each) for each in zip(parameters.tolist(), route.poses(parameters), ats.tolist())]
+            begin, at = end, at + 1.0
+    return rungs

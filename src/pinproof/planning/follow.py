@@ -66,8 +66,8 @@ class Route:
         self.compiled = CompiledRoute(pieces)
         """The route as the compiled core uses it."""
         self.length = sum(piece.width for piece in pieces)
-        between = (self.compiled.pieces[k] for k in rounded)
-        self.passes = (*((piece.start + piece.end) / 2 for piece in between), 1.0)
+        made = self.compiled.pieces
+        self.passes = (*((made[k].start + made[k].end) / 2 for k in rounded), 1.0)
 
     @classmethod
     def straight(cls, first: SE3, last: SE3) -> Route:

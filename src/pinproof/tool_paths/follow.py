@@ -19,7 +19,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
+from itertools import groupby, pairwise, product
 from typing import Any, Literal
 
 import numpy as np
@@ -28,7 +28,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.common.validation import require_integer, require_number, require_positive, require_type
 from pinproof.errors import InputError, NoClosedForm, TimingError
-from pinproof.ik import AnalyticIk, IkTask
+from pinproof.ik import AnalyticIk, Clik, IkTask, track
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, ToolLimits, Trajectory, time_parametrise
 from pinproof.planning import Route, nearest_target, plan, plan_linear, routes_through
@@ -36,7 +36,19 @@ from pinproof.spatial import SE3, Array, matrix, pose, rotation_about
 from pinproof.tool_paths.curves import CurveMaker, NoCurve, RouteCurve, image_deviation
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.result import SHOWN, BlockedPose, FollowPlan, FollowStatus, Obstruction, PathPiece
-from pinproof.tool_paths.rungs import COSTS, Course, FollowCosts, Grid, LadderSettings, Rung, RungLadder, fill, rungs_of
+from pinproof.tool_paths.rungs import (
+    COSTS,
+    Course,
+    Flags,
+    FollowCosts,
+    Grid,
+    LadderSettings,
+    Rung,
+    RungLadder,
+    fill,
+    rates_of,
+    rungs_of,
+)
 
 SPIN = IkTask(rz=False)
 """All coordinates of the tcp except for the rotation about its z axis."""
@@ -57,6 +69,16 @@ SLOWEST = 0.1
 REACHED = 0.9
 # Numbers of samples of the speed of the tool.
 FEWEST_SAMPLES, MOST_SAMPLES = 200, 40_000
+# Number of configurations that are moved from rung to rung where the grid ends, over how many rungs, and the accuracy (m
+# and rad) of their poses; and the number of random ones at the first rung.
+MOVED, EXTENDED, EXACT, SAMPLED = 48, 40, 1e-9, 20
+# Rounds in which finer values around the optimum are compared, and the share by which a round must improve the cost to be
+# repeated with values of the same size, and for there to be another one.
+ROUNDS, IMPROVED, ENOUGH = 12, 0.01, 1e-4
+# rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
+FARTHEST = 2.0
+# Length of the window over which steps are smoothed, in steps of the grid.
+WINDOW = 2.0
 # Shares of the speed with which the tool passes from one speed to another, tried in turn.
 PASSING = (0.95, 0.7, 0.4, 0.2, 0.0)
 # Number of configurations of a blocked pose whose contacts are counted.
@@ -72,7 +94,7 @@ def follow(
     free_rotation: bool | tuple[float, float] = True,
     rotations: int = 24,
     tilts: int = 0,
-    redundant: int = 24,
+    redundant: int | None = None,
     deviation: float = 1e-3,
     rotation_deviation: float = math.radians(1.0),
     speed_tolerance: float | None = None,
@@ -105,7 +127,8 @@ def follow(
     tilts
         Number of directions in which the grid tilts the tool by half of ``rotation_deviation``, in addition to none.
     redundant
-        Number of values of the redundant joint of an arm of seven joints, such as a rail.
+        Number of values of the redundant joint of an arm of seven joints, such as a rail; by default 24, and 72 if the
+        rotation is not free.
     deviation, rotation_deviation
         Allowed distance (m) of the tool from the path and angle (rad) from its orientation, at every instant. If the
         rotation is free, the angle is that of the tool axis. Corners are rounded by less; the tool stops where the path
@@ -149,6 +172,7 @@ def follow(
     """
     require_type("checker", checker, CollisionChecker)
     given = path if isinstance(path, ToolPath) else ToolPath(path)
+    redundant = (72 if free_rotation is False else 24) if redundant is None else redundant
     for name, value, least in (
         ("rotations", rotations, 1), ("tilts", tilts, 0), ("redundant", redundant, 2), ("lifts", lifts, 0),
         ("budget", budget, 0),
@@ -204,7 +228,7 @@ def follow(
     search = _Search(
         checker=checker, path=given, grid=grid, free=free_rotation is not False, whole=free_rotation is True, spin=spin,
         deviation=(deviation, rotation_deviation), image=(image, image_rotation), speed_tolerance=speed_tolerance,
-        approach=approach, departure=departure, settings=LadderSettings(cost, steps, slowest, jump),
+        approach=approach, departure=departure, settings=LadderSettings(cost, steps, slowest, jump, finest),
         spacing=(step, angle_step), budget=budget, rng=rng,
         start=None if start is None else arm.limits.snap(arm.configuration(start, "start")),
     )  # fmt: skip
@@ -218,6 +242,7 @@ class _Followed:
     first: int
     last: int
     course: Course
+    grid_cost: float
     curves: list[RouteCurve]
     groups: list[list[tuple[int, CubicPath]]]  # of the approach, the path and the departure, with the route
     rotations: Array
@@ -245,6 +270,7 @@ class _Search:
     start: Array | None
     routes: list[Route] = field(default_factory=list)
     rungs: list[Rung] = field(default_factory=list)
+    extended: list[Rung] = field(default_factory=list)
     refined: int = 0
     removed: int = 0
     unproven: str = ""
@@ -306,7 +332,6 @@ class _Search:
         if self.start is not None:  # the only node of the first rung
             one = self.start[None]
             self.rungs[0].q, self.rungs[0].free = one, self.checker.is_free_batch(one)
-            self.rungs[0].turn = np.zeros(1, dtype=np.int64)
             self.rungs[0].rates = np.zeros(int(self.rungs[0].free.sum()))
         self._connect()
 
@@ -340,19 +365,64 @@ class _Search:
             course = self._ladder.solve(first, len(self.rungs) - 1)
             if not len(course.nodes):
                 return None
-            failure = None
-            for width in (2.0, 0.0) if self.settings.steps > 0.0 else (0.0,):
-                made = self._curves(first, course, width)
+            last = first + len(course.nodes) - 1
+            if last < len(self.rungs) - 1 and self._continue(last, course.reachable):
+                continue
+            # Without the finer values, and without smoothing, if the curve fails
+            polished = self._polished(first, course)
+            for tried, width in ((polished, WINDOW), (polished, 0.0), (course, 0.0)):
+                made = self._curves(first, tried, width if self.settings.steps > 0.0 else 0.0, course.cost)
                 if isinstance(made, _Followed):
                     return made
-                failure = made
-            index, self.unproven = failure
+                if self.settings.steps <= 0.0:
+                    break
+            index, self.unproven = made
             if self.refined >= self.budget:
                 return None
-            self.refined += 1
             self._refine(index, course.nodes[index - first : index - first + 2])
 
-    def _curves(self, first: int, course: Course, width: float) -> _Followed | tuple[int, str]:
+    def _continue(self, last: int, reachable: Array) -> bool:
+        """Whether nodes or a rung were added where the farthest rung is not the last one."""
+        end = self.rungs[last]
+        if self.settings.steps > 0.0 and not self.extended:
+            # The branch on which the path goes on may have ended before, and between the values of the grid: all rungs
+            # get the solutions that follow from those of the first rung, and from random ones there
+            self.extended.append(self.rungs[0])
+            many = Clik(restarts=SAMPLED).solve_many(
+                self.checker.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=SPIN if self.free else IkTask()
+            )
+            if self.start is None:
+                self._add(self.rungs[0], many.q[self._allowed(many.q, [self.rungs[0]] * len(many.q))])
+            self._extend(0, self.rungs[0].nodes, len(self.rungs))
+            self._connect()
+            return True
+        if self.settings.steps > 0.0 and end not in self.extended:
+            self.extended.append(end)
+            if self._extend(last, reachable, EXTENDED):
+                self._connect()
+                return True
+        step = self._smallest_step(reachable, self.rungs[last + 1].nodes)
+        if step is None or self.refined >= self.budget or np.abs(step[2]).max() > FARTHEST or self._gap(last) <= CLOSEST:
+            return False
+        self._refine(last, np.empty(0, dtype=np.int64))
+        return True
+
+    def _smallest_step(self, here: Array, there: Array) -> tuple[int, int, Array] | None:
+        """The rows of the configurations that are closest to each other, and the step (n,) between them."""
+        if not len(here) or not len(there):
+            return None
+        step = there[None] - here[:, None]
+        step -= np.where(self.checker.arm.periodic, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
+        row, column = np.unravel_index(int(np.abs(step).max(axis=2).argmin()), step.shape[:2])
+        return int(row), int(column), step[row, column]
+
+    def _gap(self, index: int) -> float:
+        """M: length of the route between a rung and the next one."""
+        before, after = self.rungs[index], self.rungs[index + 1]
+        begin = before.s if before.route == after.route else 0.0
+        return (after.s - begin) * self.routes[after.route].length
+
+    def _curves(self, first: int, course: Course, width: float, grid_cost: float) -> _Followed | tuple[int, str]:
         """Curves through the nodes of a course, or the index of the edge along which none was found, and why."""
         last = first + len(course.nodes) - 1
         rungs, arm = self.rungs[first : last + 1], self.checker.arm
@@ -387,19 +457,105 @@ class _Search:
                     continue
             edge = begin + int(np.clip(np.searchsorted(s, where, side="right") - 1, 0, end - begin - 1))
             return first + edge, reason
-        rotations = [self._rotation(rung, int(node)) for rung, node in zip(rungs, course.nodes, strict=True)]
-        return _Followed(first, last, course, curves, groups, np.array(rotations))
+        return _Followed(first, last, course, grid_cost, curves, groups, self._rotations(course.q, rungs))
 
-    def _rotation(self, rung: Rung, node: int) -> float:
-        """The rotation (rad) of the tool about its axis at a node."""
-        turn = int(rung.turn[rung.free][node])
-        return float(self.grid.rotations[turn % len(self.grid.rotations)])
+    def _rotations(self, q: Array, rungs: list[Rung]) -> Array:
+        """(k,) the rotation (rad) of the tool about its axis from the pose of each rung, in the range if there is one."""
+        places = np.array([rung.place for rung in rungs])[:, :3, :3]
+        turn = np.swapaxes(places, 1, 2) @ self.checker.arm.forward_kinematics_batch(q)[:, :3, :3]
+        angle = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+        middle = 0.0 if self.spin is None else 0.5 * sum(self.spin)
+        return np.asarray(middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi)
+
+    def _extend(self, index: int, q: Array, count: int) -> bool:
+        """Add nodes between the values of the grid to ``count`` rungs after one, and whether there are any.
+
+        The configurations q (k, n) of that rung are moved from rung to rung by the smallest steps of the joints, as far
+        as they have no contact. They reach places where solutions exist only between values of the grid.
+        """
+        ahead = self.rungs[index + 1 :][:count]
+        places, added = np.array([rung.place for rung in ahead]), [[np.empty((0, q.shape[1]))] for _ in ahead]
+        for start in q[:: 1 + len(q) // MOVED]:
+            moved = track(
+                self.checker.arm, places, start, dt=1.0, velocity=self.settings.jump, position_tolerance=EXACT,
+                orientation_tolerance=EXACT, task=SPIN if self.free else IkTask(),
+            )  # fmt: skip
+            reached = (moved.position_error <= EXACT) & (moved.orientation_error <= EXACT) & self._allowed(moved.q, ahead)
+            for number in range(len(ahead) if reached.all() else int(reached.argmin())):
+                added[number].append(moved.q[number : number + 1])
+        for rung, rows in zip(ahead, added, strict=True):
+            self._add(rung, np.concatenate(rows))
+        return len(added[0]) > 1
+
+    def _allowed(self, q: Array, rungs: list[Rung]) -> Flags:
+        """(k,) whether configurations q (k, n) at rungs have no contact and the rotation of the tool is in its range."""
+        allowed = self.checker.is_free_batch(q) if len(q) else np.empty(0, dtype=bool)
+        if self.spin is not None and len(q):
+            angle = self._rotations(q, rungs)
+            allowed &= (angle >= self.spin[0]) & (angle <= self.spin[1])
+        return allowed
+
+    def _add(self, rung: Rung, q: Array) -> None:
+        """Add nodes q (k, n) without contact to a rung."""
+        rung.q, rung.free = np.concatenate([rung.q.reshape(-1, q.shape[1]), q]), np.append(rung.free, np.full(len(q), True))
+        rung.rates = np.append(rung.rates, rates_of(self.checker, q, self.settings.costs))
+
+    def _polished(self, first: int, course: Course) -> Course:
+        """The optimum over finer and finer values around those of a course, which move the tool only about its axis.
+
+        The motions of the joints that keep the tool on the path, apart from its free rotation, are the null space of
+        its Jacobian. Each round compares steps of half the size of the round before, to both sides of each rung.
+        """
+        arm, checker, count = self.checker.arm, self.checker, len(course.nodes)
+        free = arm.dof - (5 if self.free else 6)
+        if free < 1 or count < 2 or self.settings.finest <= 0.0 or len(self.grid.tilts) > 1:
+            return course
+        rungs, task = self.rungs[first : first + count], SPIN if self.free else IkTask()
+        places = np.array([rung.place for rung in rungs])
+        solver = Clik(position_tolerance=EXACT, orientation_tolerance=EXACT, restarts=0)
+        sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
+        best, size = course, 0.5 * self.settings.finest
+        for _ in range(ROUNDS):
+            jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(count, 2, 3, -1)
+            rows = jacobian.reshape(count, 6, -1)[:, : 5 if self.free else 6]
+            null = np.linalg.svd(rows)[2][:, -free:]
+            guesses = best.q[:, None] + size * np.einsum("sf,kfn->ksn", sides, null)
+            many = np.repeat(places, len(sides), axis=0)
+            found = solver.solve_batch(arm, many, arm.limits.clip(guesses.reshape(-1, arm.dof)), task=task)
+            kept = found.ok & (np.abs(found.q - guesses.reshape(-1, arm.dof)).max(axis=1) < size)
+            kept[kept] = self._allowed(found.q[kept], [rungs[row // len(sides)] for row in np.flatnonzero(kept)])
+            kept = kept.reshape(count, -1)
+            kept[0] &= self.start is None or first > 0
+            q = found.q.reshape(count, len(sides), -1)
+            around = []
+            for k, rung in enumerate(rungs):
+                nodes = np.concatenate([best.q[k : k + 1], q[k][kept[k]]])
+                around.append(Rung(rung.route, rung.s, rung.place, rung.at, nodes, np.ones(len(nodes), dtype=bool)))
+            rates, start = rates_of(checker, np.concatenate([each.q for each in around]), self.settings.costs), 0
+            for each in around:
+                each.rates = rates[start : start + len(each.q)]
+                start += len(each.q)
+            span = slice(first, first + count - 1)
+            ladder = RungLadder(
+                arm, around, self._ladder.durations[span], self._ladder.timed[span], self.settings, windings=False
+            )
+            better = ladder.solve(0, count - 1)
+            if len(better.nodes) < count:
+                break
+            gained = 1.0 - better.cost / max(best.cost, 1e-300)
+            best = Course(better.q, course.nodes, better.cost, course.reachable)
+            if gained < IMPROVED:
+                size *= 0.5
+                if gained < ENOUGH and size < self.settings.finest / 8.0:
+                    break
+        return best
 
     def _refine(self, index: int, nodes: npt.NDArray[np.int64]) -> None:
         """Add a rung in the middle of an edge, or remove the edge if its rungs are close to each other."""
         before, after = self.rungs[index], self.rungs[index + 1]
-        begin = before.s if before.route == after.route else 0.0
-        if (after.s - begin) * self.routes[after.route].length > CLOSEST:
+        self.refined += 1
+        if self._gap(index) > CLOSEST:
+            begin = before.s if before.route == after.route else 0.0
             middle = 0.5 * (begin + after.s)
             place = self.routes[after.route].poses(np.array([middle]))[0]
             rung = Rung(after.route, middle, place, 0.5 * (before.at + after.at))
@@ -450,16 +606,13 @@ class _Search:
     def _jump(self, piece: _Followed) -> BlockedPose:
         """Why no node of the next rung is within reach of the last rung of a piece."""
         arm, rung, following = self.checker.arm, self.rungs[piece.last], self.rungs[piece.last + 1]
-        here, there = piece.course.reachable, following.nodes
-        step = there[None] - here[:, None]
-        step -= np.where(arm.periodic, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
-        largest = np.abs(step).max(axis=2)
-        row, column = np.unravel_index(int(largest.argmin()), largest.shape)
-        joint = int(np.abs(step[row, column]).argmax())
+        here, found = piece.course.reachable, self._smallest_step(piece.course.reachable, following.nodes)
+        row, _, step = (0, 0, np.zeros(arm.dof)) if found is None else found
+        joint = int(np.abs(step).argmax())
         least = float(np.linalg.svd(arm.jacobian(here[row]), compute_uv=False)[-1])
         singular = f", smallest singular value {least:.2g}" if least < SINGULAR else ""
         unit = "rad" if arm.angular[joint] else "m"
-        moved = f"{arm.joint_names[joint]} would jump by {largest[row, column]:.2g} {unit} at least{singular}"
+        moved = f"{arm.joint_names[joint]} would jump by {abs(step[joint]):.2g} {unit} at least{singular}"
         why = f"; {self.unproven}" if self.unproven and self.removed else ""
         message = f"{self._name(rung)} to {self._name(following)}: {moved}{why}"
         kind, shown = Obstruction.JUMP, np.array(here[row])
@@ -621,7 +774,7 @@ class _Search:
         ats = np.array([rung.at for rung in self.rungs[piece.first : piece.last + 1]])
         own = {} if timed is None else {"speed": timed.speed, "speed_share": timed.share, "ramps": timed.ramps}
         return PathPiece(
-            max(first, 0.0), min(last, len(self.path) - 1.0), piece.course.q, piece.rotations, ats, piece.course.cost,
+            max(first, 0.0), min(last, len(self.path) - 1.0), piece.course.q, piece.rotations, ats, piece.course.cost, piece.grid_cost,
             None if timed is None else timed.trajectory, *bounds, **own,
         )  # fmt: skip
 

@@ -72,7 +72,8 @@ class PathPiece:
     q: Array = key("(k, n) the configurations at the rungs", hidden=True)
     rotations: Array = key("(k,) the rotations (rad) of the tool about its axis at the rungs, from the grid", hidden=True)
     poses: Array = key("(k,) the index of the pose of each rung; a fraction between two poses", hidden=True)
-    cost: float = key("the least cost over the grid")
+    cost: float = key("the cost of the motion from rung to rung")
+    grid_cost: float = key("the least cost over the grid, before finer values around the optimum are compared")
     trajectory: Trajectory | None = key("the motion along the path, without approach and departure", hidden=True)
     deviation: float = key("bound of the distance of the tool from the path at every instant", "m")
     rotation_deviation: float = key(
@@ -131,7 +132,7 @@ class FollowPlan(Answer):
 
     @property
     def cost(self) -> float:
-        """The least cost over the grid, summed over the pieces."""
+        """The cost of the motion from rung to rung, summed over the pieces."""
         return float(sum(piece.cost for piece in self.pieces))
 
     @property

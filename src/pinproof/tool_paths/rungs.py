@@ -99,8 +99,8 @@ class Grid:
 class Rung:
     """A pose of a route with its nodes; ``at`` is the index of the pose of the path, a fraction between two poses.
 
-    ``q`` (m, n) are all IK solutions within the limits, ``free`` (m,) which of them have no contact, and ``turn`` (m,)
-    the index in :attr:`Grid.turns` of each. ``outside`` solutions exist outside the limits. ``complete`` states that no
+    ``q`` (m, n) are all IK solutions within the limits, and ``free`` (m,) states which of them have no contact.
+    ``outside`` solutions exist outside the limits. ``complete`` states that no
     other solution exists at the rotations and tilts of the grid. ``removed`` are the edges to the next rung, as pairs
     of rows of :attr:`nodes`, along which no curve was found.
     """
@@ -111,7 +111,6 @@ class Rung:
     at: float
     q: Array = field(default_factory=lambda: np.empty((0, 0)))
     free: Flags = field(default_factory=lambda: np.empty(0, dtype=bool))
-    turn: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     outside: int = 0
     complete: bool = False
     rates: Array = field(default_factory=lambda: np.empty(0))  # (k,) the costs of the nodes per second
@@ -132,7 +131,7 @@ def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask,
         targets = (places[:, None] @ turns[None]).reshape(-1, 4, 4)
         found = AnalyticIk().solve_all_batch(arm, targets, redundant_values=grid.redundant)
         exists = np.arange(found.q.shape[1]) < found.count[:, None]
-        q, turn = found.q[exists], np.nonzero(exists)[0] % len(turns)
+        q = found.q[exists]
         counts = found.count.reshape(count, -1).sum(axis=1)
         outside, complete = found.outside.reshape(count, -1).sum(axis=1), found.complete.reshape(count, -1).all(axis=1)
     except NoClosedForm:
@@ -143,19 +142,19 @@ def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask,
             for place in places
             for change in turns
         ]
-        q, turn = np.concatenate(many), np.repeat(np.arange(len(many)) % len(turns), [len(part) for part in many])
+        q = np.concatenate(many)
         counts = np.array([len(part) for part in many]).reshape(count, -1).sum(axis=1)
     free = checker.is_free_batch(q) if len(q) else np.empty(0, dtype=bool)
-    rates, start = _rates(checker, q[free], costs), 0
+    rates, start = rates_of(checker, q[free], costs), 0
     for number, rung in enumerate(rungs):
         rows = slice(start, start := start + int(counts[number]))
         first = int(free[: rows.start].sum())
-        rung.q, rung.free, rung.turn = q[rows], free[rows], turn[rows]
+        rung.q, rung.free = q[rows], free[rows]
         rung.rates = rates[first : first + int(rung.free.sum())]
         rung.outside, rung.complete = int(outside[number]), bool(complete[number])
 
 
-def _rates(checker: CollisionChecker, q: Array, costs: FollowCosts) -> Array:
+def rates_of(checker: CollisionChecker, q: Array, costs: FollowCosts) -> Array:
     """(N,) the costs per second of configurations (N, n) by themselves."""
     arm, limits, total = checker.arm, checker.arm.limits, np.zeros(len(q))
     if not len(q):
@@ -185,12 +184,14 @@ class LadderSettings:
 
     A step from rung to rung is within reach if the joints can make it while the tool moves at its speed times
     ``slowest``, or in ``steps`` (s), which permits a step of the grid. No joint moves farther than ``jump`` (n,).
+    ``finest`` (rad) is the size of a step of the grid; it is 0 if the grid has no free values.
     """
 
     costs: FollowCosts
     steps: float
     slowest: float
     jump: Array
+    finest: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,12 +211,22 @@ class RungLadder:
     """The ladder graph over rungs.
 
     ``durations`` (R - 1,) are the times (s) between the rungs at the speed of the tool, ``timed`` (R - 1,) states for
-    which of them a speed is stated.
+    which of them a speed is stated. Without ``windings``, the values of the nodes are compared as they are.
     """
 
-    def __init__(self, arm: Arm, rungs: list[Rung], durations: Array, timed: Flags, settings: LadderSettings) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        rungs: list[Rung],
+        durations: Array,
+        timed: Flags,
+        settings: LadderSettings,
+        *,
+        windings: bool = True,
+    ) -> None:
         self.arm, self._rungs, self._settings = arm, rungs, settings
-        self.durations, self._timed = durations, timed
+        self.durations, self.timed = durations, timed
+        self._wide = _wide(arm) & windings  # the joints with several windings
         self._split: list[int] = []  # the joints whose windings are separate nodes
         self._build()
 
@@ -252,14 +263,14 @@ class RungLadder:
         counts = np.array([len(part) for part in parts], dtype=np.int64)
         self._q, self._node = np.ascontiguousarray(np.concatenate(parts)), np.concatenate(nodes)
         costs = np.concatenate([time * rung.rates[node] for time, rung, node in zip(share, self._rungs, nodes)])
-        period = np.where(_wide(arm), TURN, 0.0)
+        period = np.where(self._wide, TURN, 0.0)
         period[self._split] = 0.0
         speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
-        seconds = np.where(self._timed, self.durations / settings.slowest, np.inf)
+        seconds = np.where(self.timed, self.durations / settings.slowest, np.inf)
         reach = np.minimum(speed * np.maximum(seconds, settings.steps)[:, None], settings.jump)
         self._ladder = Ladder(
             counts, self._q, costs, period, speed, np.ascontiguousarray(reach),
-            np.where(self._timed, self.durations, 0.0), np.maximum(self.durations, SHORTEST),
+            np.where(self.timed, self.durations, 0.0), np.maximum(self.durations, SHORTEST),
             time=settings.costs.time, travel=settings.costs.travel, effort=settings.costs.effort,
         )  # fmt: skip
         starts = np.concatenate([[0], np.cumsum(counts)])
@@ -278,7 +289,7 @@ class RungLadder:
         The second result is a joint that does not fit into its limits with any winding, if there is one.
         """
         q, limits = q.copy(), self.arm.limits
-        for joint in np.flatnonzero(_wide(self.arm)).tolist() if len(q) else ():
+        for joint in np.flatnonzero(self._wide).tolist() if len(q) else ():
             if joint in self._split:
                 continue
             steps = np.diff(q[:, joint])

@@ -1,0 +1,154 @@
+"""Random tool paths and an independent dense check of the motions that follow them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+import pinproof as pp
+from pinproof.tool_paths import FollowPlan, ToolPath
+
+ARMS = ("ur5", "irb120", "crx10ia", "puma560", "panda")
+
+
+@cache
+def arm_of(name: str):
+    return pp.load_robot(name).arm()
+
+
+def random_problem(name: str, rng: np.random.Generator):
+    """A checker, a path and settings: curves and polygons with tilting tools, among boxes, of all kinds of freedom."""
+    arm = arm_of(name)
+    reach = float(np.linalg.norm(arm.forward_kinematics(arm.home).translation)) + 0.1
+    while True:
+        low, high = np.maximum(arm.limits.lower, -2.5), np.minimum(arm.limits.upper, 2.5)
+        centre = arm.forward_kinematics(rng.uniform(low, high))
+        if centre.translation[2] > 0.05:
+            break
+    size = rng.uniform(0.05, 0.35) * reach
+    count = int(rng.integers(2, 30))
+    a = np.linspace(0.0, rng.uniform(1.0, 2.0 * np.pi), count)
+    shape = rng.integers(3)
+    if shape == 0:  # an arc
+        local = np.column_stack([np.cos(a), np.sin(a), 0.2 * np.sin(2.0 * a)]) * 0.5 * size
+    elif shape == 1:  # a polygon
+        local = rng.uniform(-0.5, 0.5, (int(rng.integers(2, 6)), 3)) * size
+    else:  # a zigzag
+        local = np.column_stack([np.linspace(0.0, 1.0, count), 0.2 * (np.arange(count) % 2), np.zeros(count)]) * size
+    points = centre.translation + local @ centre.rotation.T
+    tilt = rng.uniform(0.0, 0.5) * np.column_stack([np.sin(np.linspace(0, 3, len(points)))] * 3) * rng.normal(size=3)
+    normals = -(centre.rotation[:, 2] + tilt)
+    speed = None if rng.random() < 0.2 else rng.uniform(0.02, 0.3)
+    if speed is not None and rng.random() < 0.3:
+        speed = rng.uniform(0.02, 0.3, len(points) - 1)
+    path = ToolPath.through(points, normals, speed=speed)
+    boxes = []
+    while len(boxes) < 6:
+        place = rng.uniform(-1.0, 1.0, 3) * reach
+        if np.linalg.norm(place[:2]) > 0.25 * reach and np.linalg.norm(points - place, axis=1).min() > 0.15 * reach:
+            boxes.append(pp.Obstacle(f"box {len(boxes)}", pp.Box(*rng.uniform(0.05, 0.3, 3) * reach), pp.pose(place)))
+    settings = {
+        "free_rotation": [True, True, False, (-0.6, 0.9)][int(rng.integers(4))],
+        "rotations": 12, "redundant": 12,
+        "approach": float(rng.choice([0.0, 0.0, 0.03])),
+        "deviation": float(rng.choice([1e-3, 3e-4, 3e-3])),
+        "rotation_deviation": float(rng.choice([0.02, 0.1])),
+        "lifts": int(rng.choice([0, 3])),
+    }  # fmt: skip
+    return pp.CollisionChecker(arm, pp.Scene(boxes)), path, settings
+
+
+def off_the_path(path: ToolPath, poses: np.ndarray, near: float, *, freedom, first: float, last: float, parts: int):
+    """(N, 2) the distance (m) and angle (rad) of poses (N, 4, 4) from the path between two of its poses.
+
+    The distance is that of the nearest point; the angle is the least to a point of the path that is at most ``near`` (m)
+    away. With a free rotation, the angle is that of the tool axis.
+    """
+    distances, angles = np.full(len(poses), np.inf), np.full(len(poses), np.inf)
+    for i in range(max(int(np.floor(first)), 0), min(int(np.ceil(last)), len(path) - 1)):
+        a, b = path.poses[i], path.poses[i + 1]
+        step = b[:3, 3] - a[:3, 3]
+        length = float(np.linalg.norm(step))
+        if length > 1e-8:
+            centre = (poses[:, :3, 3] - a[:3, 3]) @ step / length**2
+            low, high = (np.clip(centre + offset / length, 0.0, 1.0) for offset in (-near, near))
+            shares = [np.clip(centre, 0.0, 1.0), *(low + (high - low) * part for part in np.linspace(0.0, 1.0, parts))]
+        else:
+            shares = [np.full(len(poses), share) for share in np.linspace(0.0, 1.0, 201)]
+        for u in shares:
+            distance = np.linalg.norm(poses[:, :3, 3] - a[:3, 3] - u[:, None] * step, axis=1)
+            if freedom is True:
+                chord = np.linalg.norm(poses[:, :3, 2] - rotated_axis(a[:3, 2], b[:3, 2], u), axis=1)
+            elif freedom is False:
+                chord = np.linalg.norm(poses[:, :3, :3] - rotated(a[:3, :3], b[:3, :3], u), axis=(1, 2)) / np.sqrt(2.0)
+            else:
+                chord = np.linalg.norm(poses[:, :3, 2] - rotated(a[:3, :3], b[:3, :3], u)[:, :, 2], axis=1)
+            angle = 2.0 * np.arcsin(np.clip(0.5 * chord, 0, 1))
+            distances = np.minimum(distances, distance)
+            angles = np.where(distance <= near + 1e-9, np.minimum(angles, angle), angles)
+    return np.column_stack([distances, angles])
+
+
+def rotated(a, b, share):
+    """(N, 3, 3) the rotations about one fixed axis from a to b at shares (N,), by Rodrigues' formula."""
+    turn = a.T @ b
+    angle = np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))
+    if angle < 1e-9:
+        return np.tile(a, (len(share), 1, 1))
+    w = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / (2.0 * np.sin(angle))
+    k = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    part = (share * angle)[:, None, None]
+    return a @ (np.eye(3) + np.sin(part) * k + (1.0 - np.cos(part)) * (k @ k))
+
+
+def rotated_axis(a, b, share):
+    """(N, 3) the axes on the great circle from a to b at shares (N,)."""
+    angle = np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+    if angle < 1e-9:
+        return np.tile(a, (len(share), 1))
+    part = (share * angle)[:, None]
+    return (np.sin(angle - part) * a + np.sin(part) * b) / np.sin(angle)
+
+
+def wrong(plan: FollowPlan, settings: dict) -> list[str]:
+    """What an independent dense check finds wrong with a plan that was found; empty if nothing."""
+    checker, path, arm = plan.checker, plan.path, plan.checker.arm
+    found = []
+    if not pp.audit(plan.trajectory, checker, step=0.02, measure=False, exact=False).clean:
+        found.append("collision")
+    times = np.linspace(0.0, plan.duration, max(int(plan.duration / 5e-3), 300))
+    q = plan.trajectory(times)
+    if (q < arm.limits.lower - 1e-6).any() or (q > arm.limits.upper + 1e-6).any():
+        found.append("limits")
+    if len(q) > 1 and plan.duration and (np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None] > arm.limits.velocity * 1.001).any():
+        found.append("velocity")
+    reached = np.full(len(path), np.inf)
+    for piece in plan.pieces:
+        if piece.trajectory is None:
+            continue
+        times = np.linspace(0.0, piece.trajectory.duration, max(int(piece.trajectory.duration / 2e-3), 300))
+        poses = np.array([arm.forward_kinematics(x).homogeneous for x in piece.trajectory(times)])
+        for parts in (21, 801):  # the finer comparison only where the coarse one finds a deviation
+            off = off_the_path(
+                path, poses, piece.deviation, freedom=settings["free_rotation"], first=piece.first, last=piece.last,
+                parts=parts,
+            ).max(axis=0)  # fmt: skip
+            if off[1] <= min(piece.rotation_deviation, settings["rotation_deviation"]):
+                break
+        if off[0] > min(piece.deviation, settings["deviation"]) + 1e-9:
+            found.append(f"deviation {off[0]} above {piece.deviation}")
+        if off[1] > min(piece.rotation_deviation, settings["rotation_deviation"]) + 1e-6:
+            found.append(f"rotation {off[1]} above {piece.rotation_deviation}")
+        for index in range(int(np.ceil(piece.first)), int(np.floor(piece.last)) + 1):
+            missed = np.linalg.norm(poses[:, :3, 3] - path.poses[index, :3, 3], axis=1).min()
+            reached[index] = min(reached[index], missed)
+        if path.speed is not None and piece.trajectory.duration:
+            speed = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / np.diff(times)
+            if speed.max() > path.speed.max() * 1.001 + 1e-9:
+                found.append(f"speed {speed.max()} above {path.speed.max()}")
+            if speed.max() > piece.speed[1] * 1.001 + 1e-9:
+                found.append(f"speed {speed.max()} above its bound {piece.speed[1]}")
+    if plan.pieces[0].trajectory is not None and reached.max() > settings["deviation"] + 1e-3:
+        found.append(f"a pose is missed by {reached.max()}")
+    return found

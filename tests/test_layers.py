@@ -32,6 +32,7 @@ PACKAGES = (
     "collision",
     "viewer",
     "planning",
+    "tool_paths",
     "execution",
     "picks",
     "cell",
@@ -52,6 +53,7 @@ FACES = {
     "ik",
     "collision",
     "planning",
+    "tool_paths",
     "execution",
     "viewer",
 }

@@ -1,13 +1,11 @@
-"""Straight moves and sequences of poses: on the lines, inside limits, proven; or where they stop and why."""
-
-from itertools import pairwise
+"""Straight moves: on the lines, inside limits, proven; or where they stop and why."""
 
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.ik import IkTask
-from pinproof.planning import LinearStatus, Route, RouteFollower, cartesian, plan_poses
+from pinproof.planning import LinearStatus, Route, RouteFollower, cartesian
 from pinproof.spatial import interpolate, twist_size
 
 from .arms import assert_free
@@ -249,27 +247,21 @@ def test_a_line_stops_where_it_is_no_longer_proven(gantry, gap):
 
 
 @pytest.mark.parametrize(
-    ("call", "settings", "named"),
+    ("settings", "named"),
     [
         *(
-            (pp.plan_linear, {name: value}, name)
+            ({name: value}, name)
             for name in ("deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step")
             for value in (0.0, -1.0, float("nan"))
         ),
-        (pp.plan_linear, {"target": np.zeros((4, 4))}, "target"),
-        *(
-            (pp.plan_linear, {"task": task}, "task|Task|select")
-            for task in (IkTask(x=False), IkTask(rx=False, ry=False), "nonsense")
-        ),
-        (plan_poses, {"poses": []}, "no pose"),
-        (plan_poses, {"rounding": -1.0}, "rounding"),
+        ({"target": np.zeros((4, 4))}, "target"),
+        *(({"task": task}, "task|Task|select") for task in (IkTask(x=False), IkTask(rx=False, ry=False), "nonsense")),
     ],
 )
-def test_settings_that_make_no_sense(ur5, free, call, settings, named):
+def test_settings_that_make_no_sense(ur5, free, settings, named):
     here = ur5.forward_kinematics(READY)
-    request = {"target": here} if call is pp.plan_linear else {"poses": [here]}
     with pytest.raises(pp.InputError, match=named):
-        call(free, READY, **{**request, **settings})
+        pp.plan_linear(free, READY, **{"target": here, **settings})
 
 
 # -- other tasks, other arms -------------------------------------------------------------------------------------------
@@ -350,134 +342,3 @@ def test_a_continuous_joint_moves_beyond_pi():
         assert np.abs(np.diff(move.path.q, axis=0)).max() <= 0.3
         ends.append(move.path.end[-1])
     assert max(ends) > np.pi
-
-
-# -- sequences of poses: stops or roundings at the corners, the index where it ends, the branch ------------------------
-
-
-def square(arm, q=READY):
-    """Four poses around the tcp's at q, the second turned."""
-    places = ((0.1, 0, 0), 0), ((0.1, 0.1, 0), 0.5), ((0.1, 0.1, -0.1), 0), ((0, 0, 0), 0)
-    return [moved(arm, q, xyz, (0, 0, turn)) for xyz, turn in places]
-
-
-def off_the_lines(arm, line, path):
-    """How far (m) the tcp is from the polyline through the poses, at most."""
-    points = arm.forward_kinematics_batch(path(np.linspace(*path.domain, 1501)))[:, :3, 3]
-    nearest = np.full(len(points), np.inf)
-    for first, last in pairwise(line):
-        a, ab = first.translation, last.translation - first.translation
-        share = np.clip((points - a) @ ab / (ab @ ab), 0, 1)
-        nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * ab, axis=1))
-    return float(nearest.max())
-
-
-def test_every_pose_is_a_stop_and_met_along_the_lines_of_linear_moves(ur5, free):
-    poses = square(ur5)
-    move = plan_poses(free, READY, poses).or_raise()
-    assert (move.reached, move.fraction, len(move.path.corners)) == (3, 1.0, 3)
-    assert np.array_equal(move.path.start, READY)
-    stops = [ur5.forward_kinematics(move.path(t)) for t in (*move.path.corners, move.path.domain[1])]
-    assert max(max(twist_size(stop, pose)) for stop, pose in zip(stops, poses, strict=True)) < 3e-6
-    assert off_the_lines(ur5, [ur5.forward_kinematics(READY), *poses], move.path) <= move.deviation <= 1e-3
-    assert move.certificate.matches(move.path, ur5, free.scene)
-    assert_free(move.path, free)
-    begin, end = move.path.corners[:2]
-    off = off_the_line(ur5, move.path(begin), poses[1], lambda s: move.path(begin + s * (end - begin)), 201)
-    assert (off.max(axis=0) <= [1e-3, 1e-2]).all()
-
-
-@pytest.mark.parametrize("rounding", [0.003, 0.02])
-def test_rounded_it_runs_through_and_misses_by_no_more(ur5, free, rounding):
-    poses = square(ur5)
-    move = plan_poses(free, READY, poses, rounding=rounding).or_raise()
-    assert move.path.corners == ()
-    assert off_the_lines(ur5, [ur5.forward_kinematics(READY), *poses], move.path) <= rounding + move.deviation
-    q = move.path(np.linspace(*move.path.domain, 5001))
-    seen = ur5.forward_kinematics_batch(q)[:, :3, 3]
-    for pose in poses[:-1]:
-        missed = np.linalg.norm(seen - pose.translation, axis=1).min()
-        assert 0.2 * rounding < missed <= rounding + move.deviation + 1e-4
-    rate = np.diff(q, axis=0)
-    assert np.abs(np.diff(rate, axis=0)).max() < 0.05 * np.abs(rate).max()  # no kink
-    assert_free(move.path, free)
-    there_and_back = plan_poses(free, READY, [poses[0], poses[3]], rounding=rounding).or_raise()
-    (stop,) = there_and_back.path.corners  # a reversal remains a stop
-    assert max(twist_size(ur5.forward_kinematics(there_and_back.path(stop)), poses[0])) < 3e-6
-
-
-def test_the_pose_at_which_a_move_stops_is_reported_with_the_reason(ur5, free, gantry):
-    poses = square(ur5)
-    move = plan_poses(free, READY, [*poses[:2], moved(ur5, READY, (1.0, 0, 0)), poses[3]])
-    assert (move.status, move.reached, move.ok) == (LinearStatus.UNREACHABLE, 1, False)
-    assert 0 < move.fraction < 1
-    assert "after pose 1" in move.message
-    with pytest.raises(pp.errors.PlanFailed, match="after pose 1"):
-        move.or_raise()
-    checker = pp.CollisionChecker(gantry, pp.Scene([box("wall", (0.1, 0.4, 1.0), (0.5, 0.5))]))
-    for places, status, reached, words in (
-        ([(0.0, 0.5), (0.9, 0.5), (0.9, -0.5)], LinearStatus.CONTACT, 0, "wall"),
-        ([(0, -0.5), (0, -1.5)], LinearStatus.LIMIT, 0, "y"),
-        ([(0, 1.5)], LinearStatus.LIMIT, -1, "before the first pose"),
-    ):
-        move = plan_poses(checker, (0.0, 0.0), [pp.pose((*place, 0)) for place in places])
-        assert (move.status, move.reached, words in move.message) == (status, reached, True)
-        if status is LinearStatus.CONTACT:
-            assert move.fraction == pytest.approx((0.5 + 0.4) / 2.4, abs=1e-3)
-        else:
-            assert move.joints == ("y",)
-    move = plan_poses(free, READY + 9, poses)
-    assert (move.status, move.reached) == (LinearStatus.LIMIT, -1)
-
-
-@pytest.mark.slow
-def test_without_a_start_the_branch_that_gets_to_the_end_is_found(ur5):
-    # A post that only some elbows pass.
-    poses, elbow = square(ur5), ur5.frame_placement(READY, "forearm_link").translation
-    post = pp.Obstacle("post", pp.Box(0.06, 0.06, 0.1), pp.pose(elbow))
-    checker = pp.CollisionChecker(ur5, pp.Scene([post]), trust_disabled=True)
-    assert not checker.is_free(READY)
-    move = plan_poses(checker, None, poses).or_raise()
-    assert move.reached == 3
-    assert max(twist_size(ur5.forward_kinematics(move.path.start), poses[0])) < 1e-6
-    assert_free(move.path, checker)
-    assert plan_poses(checker, None, poses).path.control.tobytes() == move.path.control.tobytes()
-
-
-def test_of_branches_that_get_there_the_quickest_is_taken(ur5, free):
-    poses = square(ur5)
-
-    def time_needed(move):
-        q = move.path(np.linspace(*move.path.domain, 400))
-        return float((np.abs(np.diff(q, axis=0)) / ur5.limits.velocity).max(axis=1).sum())
-
-    best = time_needed(plan_poses(free, None, poses).or_raise())
-    for q in pp.AnalyticIk().solve_all(ur5, poses[0]).branches:
-        other = plan_poses(free, q, poses[1:])
-        assert not other.ok or best <= time_needed(other) * 1.02
-
-
-def test_a_redundant_arm_is_started_from_a_sample_of_its_branches(panda):
-    here = panda.forward_kinematics(panda.home)
-    poses = [here, here * pp.pose((0.1, 0, 0)), here * pp.pose((0.1, 0.1, 0.05))]
-    one, same = (plan_poses(pp.CollisionChecker(panda), None, poses, rng=3).or_raise() for _ in range(2))
-    assert one.path.start.tobytes() == same.path.start.tobytes()
-    assert max(twist_size(panda.forward_kinematics(one.path.start), here)) < 1e-5
-
-
-def test_a_first_pose_that_no_branch_can_take(ur5, free):
-    move = plan_poses(free, None, [pp.pose((3, 0, 0))])
-    assert (move.status, move.reached) == (LinearStatus.UNREACHABLE, -1)
-    tool = ur5.forward_kinematics(READY)
-    block = pp.Obstacle("block", pp.Box(0.3, 0.3, 0.3), pp.pose(tool.translation))
-    move = plan_poses(pp.CollisionChecker(ur5, pp.Scene([block])), None, [tool])
-    assert (move.status, "block" in move.message) == (LinearStatus.CONTACT, True)
-
-
-def test_a_single_pose_and_repeated_ones(ur5, free):
-    here, poses = ur5.forward_kinematics(READY), square(ur5)
-    still = plan_poses(free, READY, [here, here]).or_raise()
-    assert still.reached == 1
-    assert np.abs(still.path(np.linspace(*still.path.domain, 9)) - READY).max() < 1e-6
-    move = plan_poses(free, READY, [poses[0], poses[0], poses[1]]).or_raise()
-    assert (move.reached, len(move.path.corners)) == (2, 1)

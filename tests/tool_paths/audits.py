@@ -75,7 +75,7 @@ def off_the_path(path: ToolPath, poses: np.ndarray, near: float, *, freedom, fir
             low, high = (np.clip(centre + offset / length, 0.0, 1.0) for offset in (-near, near))
             shares = [np.clip(centre, 0.0, 1.0), *(low + (high - low) * part for part in np.linspace(0.0, 1.0, parts))]
         else:
-            shares = [np.full(len(poses), share) for share in np.linspace(0.0, 1.0, 201)]
+            shares = [np.full(len(poses), share) for share in np.linspace(0.0, 1.0, 41)]
         for u in shares:
             distance = np.linalg.norm(poses[:, :3, 3] - a[:3, 3] - u[:, None] * step, axis=1)
             if freedom is True:
@@ -117,19 +117,23 @@ def wrong(plan: FollowPlan, settings: dict) -> list[str]:
     found = []
     if not pp.audit(plan.trajectory, checker, step=0.02, measure=False, exact=False).clean:
         found.append("collision")
-    times = np.linspace(0.0, plan.duration, max(int(plan.duration / 5e-3), 300))
+    times = np.linspace(0.0, plan.duration, max(int(plan.duration / 1e-2), 300))
     q = plan.trajectory(times)
     if (q < arm.limits.lower - 1e-6).any() or (q > arm.limits.upper + 1e-6).any():
         found.append("limits")
-    if len(q) > 1 and plan.duration and (np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None] > arm.limits.velocity * 1.001).any():
+    if (
+        len(q) > 1
+        and plan.duration
+        and (np.abs(np.diff(q, axis=0)) / np.diff(times)[:, None] > arm.limits.velocity * 1.001).any()
+    ):
         found.append("velocity")
     reached = np.full(len(path), np.inf)
     for piece in plan.pieces:
         if piece.trajectory is None:
             continue
-        times = np.linspace(0.0, piece.trajectory.duration, max(int(piece.trajectory.duration / 2e-3), 300))
+        times = np.linspace(0.0, piece.trajectory.duration, max(int(piece.trajectory.duration / 8e-3), 300))
         poses = np.array([arm.forward_kinematics(x).homogeneous for x in piece.trajectory(times)])
-        for parts in (21, 801):  # the finer comparison only where the coarse one finds a deviation
+        for parts in (3, 21, 801):  # finer comparisons only where a coarse one finds a deviation
             off = off_the_path(
                 path, poses, piece.deviation, freedom=settings["free_rotation"], first=piece.first, last=piece.last,
                 parts=parts,

@@ -100,7 +100,9 @@ def test_a_joint_that_winds_up_is_followed_only_as_far_as_its_limits():
     settings = LadderSettings(FollowCosts(), 0.0, 1.0, np.array([0.5]))
     for end, reaches in ((3.95, True), (4.2, False)):
         angles = np.arange(-3.9, end, 0.25)
-        ladder = RungLadder(arm, rungs(angles), np.ones(len(angles) - 1), np.ones(len(angles) - 1, dtype=bool), settings)
+        ladder = RungLadder(
+            arm, rungs(angles), np.ones(len(angles) - 1), np.ones(len(angles) - 1, dtype=bool), settings
+        )
         course = ladder.solve(0, len(angles) - 1)
         assert (len(course.nodes) == len(angles)) == reaches
         assert np.diff(course.q[:, 0]) == pytest.approx(0.25)

@@ -2,7 +2,7 @@
 
 from pinproof.common import faces
 from pinproof.planning.among_movers import TimedPlanResult as TimedPlanResult, plan_among_movers as plan_among_movers
-from pinproof.planning.cartesian import plan_linear as plan_linear, plan_poses as plan_poses
+from pinproof.planning.cartesian import plan_linear as plan_linear
 from pinproof.planning.closed_chain import (
     CarryPlan as CarryPlan,
     ChainDeviation as ChainDeviation,
@@ -32,7 +32,6 @@ from pinproof.planning.plan_results import (
     PlanProgress as PlanProgress,
     PlanResult as PlanResult,
     PlanStatus as PlanStatus,
-    PosesPlanResult as PosesPlanResult,
 )
 from pinproof.planning.planners import (
     DEFAULT_PLANNER as DEFAULT_PLANNER,

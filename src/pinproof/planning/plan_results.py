@@ -13,12 +13,12 @@ from pinproof.collision import Certificate, CollisionChecker, Contact
 from pinproof.common.results import Answer, Solution, View
 from pinproof.common.structs import described, key
 from pinproof.errors import PlanFailed
-from pinproof.motion import BlendedPath, CubicPath, JointPath
+from pinproof.motion import CubicPath, JointPath
 from pinproof.spatial import Array
 
 
 class LinearStatus(Enum):
-    """The outcome of a linear move, or of a move through poses."""
+    """The outcome of a linear move."""
 
     COMPLETE = "complete"
     UNREACHABLE = "a pose on the line cannot be reached on the current IK branch"
@@ -184,25 +184,3 @@ class LinearPlanResult(PlanAnswer):
     joints: tuple[str, ...] = key(
         "the joints that are at their limits or would have to jump, if this stops the move", default=()
     )
-
-
-@described(eq=False, repr=False)
-class PosesPlanResult(PlanAnswer):
-    """A move of the tcp through a sequence of poses."""
-
-    status: LinearStatus = key("as for a :class:`LinearPlanResult`")
-    path: Solution[BlendedPath] = key(
-        "the joint curve, with ``corners`` at which the arm stops, if COMPLETE", default=Solution()
-    )
-    certificate: Solution[Certificate] = key("as for a :class:`LinearPlanResult`", default=Solution())
-    fraction: float = key(
-        "the fraction of the path length up to which the move is possible and proven free", default=0.0
-    )
-    reached: int = key(
-        "the index of the last pose that is reached, or passed if its corner is rounded; -1 if no pose is reached",
-        default=-1,
-    )
-    message: str = key("as for a :class:`LinearPlanResult`", default="")
-    deviation: float = key("as for a :class:`LinearPlanResult`", default=math.nan)
-    rotation_deviation: float = key("as for a :class:`LinearPlanResult`", default=math.nan)
-    joints: tuple[str, ...] = key("as for a :class:`LinearPlanResult`", default=())

@@ -106,7 +106,9 @@ class CurveMaker:
         if outside[worst] > ROUNDING:
             reason = f"a joint leaves its limits by {outside[worst]:.2g} rad or m between the poses"
         else:
-            reason = f"the tool deviates by {bounds[worst, 0] * 1e3:.2g} mm, {bounds[worst, 1]:.2g} rad between the poses"
+            reason = (
+                f"the tool deviates by {bounds[worst, 0] * 1e3:.2g} mm, {bounds[worst, 1]:.2g} rad between the poses"
+            )
         return NoCurve(float(0.5 * (knots[worst] + knots[worst + 1])), reason)
 
     def _projected(self, route: Route, s: Array, q: Array) -> tuple[Array, tuple[float, str] | None]:
@@ -137,7 +139,9 @@ class CurveMaker:
         """
         assert self.spin is not None
         knots, control = path.bezier()
-        relative = np.swapaxes(route.poses(knots)[:, :3, :3], 1, 2) @ self.arm.forward_kinematics_batch(path.q)[:, :3, :3]
+        relative = (
+            np.swapaxes(route.poses(knots)[:, :3, :3], 1, 2) @ self.arm.forward_kinematics_batch(path.q)[:, :3, :3]
+        )
         angle = np.arctan2(relative[:, 1, 0] - relative[:, 0, 1], relative[:, 0, 0] + relative[:, 1, 1])
         low, high = self.spin
         middle = 0.5 * (low + high)

@@ -205,7 +205,10 @@ def follow(
         low, high = (require_number("free_rotation", each, "rad") for each in free_rotation)
         if not low <= high or high - low > 2.0 * np.pi:
             raise InputError(f"free_rotation = ({low:g}, {high:g}) rad must be a range of at most a full revolution")
-        spin, angles = (low, high), np.linspace(low, high, rotations) if rotations > 1 else np.array([0.5 * (low + high)])
+        spin, angles = (
+            (low, high),
+            np.linspace(low, high, rotations) if rotations > 1 else np.array([0.5 * (low + high)]),
+        )
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
     swept = None
@@ -402,7 +405,12 @@ class _Search:
                 self._connect()
                 return True
         step = self._smallest_step(reachable, self.rungs[last + 1].nodes)
-        if step is None or self.refined >= self.budget or np.abs(step[2]).max() > FARTHEST or self._gap(last) <= CLOSEST:
+        if (
+            step is None
+            or self.refined >= self.budget
+            or np.abs(step[2]).max() > FARTHEST
+            or self._gap(last) <= CLOSEST
+        ):
             return False
         self._refine(last, np.empty(0, dtype=np.int64))
         return True
@@ -480,7 +488,9 @@ class _Search:
                 self.checker.arm, places, start, dt=1.0, velocity=self.settings.jump, position_tolerance=EXACT,
                 orientation_tolerance=EXACT, task=SPIN if self.free else IkTask(),
             )  # fmt: skip
-            reached = (moved.position_error <= EXACT) & (moved.orientation_error <= EXACT) & self._allowed(moved.q, ahead)
+            reached = (
+                (moved.position_error <= EXACT) & (moved.orientation_error <= EXACT) & self._allowed(moved.q, ahead)
+            )
             for number in range(len(ahead) if reached.all() else int(reached.argmin())):
                 added[number].append(moved.q[number : number + 1])
         for rung, rows in zip(ahead, added, strict=True):
@@ -497,7 +507,10 @@ class _Search:
 
     def _add(self, rung: Rung, q: Array) -> None:
         """Add nodes q (k, n) without contact to a rung."""
-        rung.q, rung.free = np.concatenate([rung.q.reshape(-1, q.shape[1]), q]), np.append(rung.free, np.full(len(q), True))
+        rung.q, rung.free = (
+            np.concatenate([rung.q.reshape(-1, q.shape[1]), q]),
+            np.append(rung.free, np.full(len(q), True)),
+        )
         rung.rates = np.append(rung.rates, rates_of(self.checker, q, self.settings.costs))
 
     def _polished(self, first: int, course: Course) -> Course:
@@ -516,7 +529,9 @@ class _Search:
         sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
         best, size = course, 0.5 * self.settings.finest
         for _ in range(ROUNDS):
-            jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(count, 2, 3, -1)
+            jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(
+                count, 2, 3, -1
+            )
             rows = jacobian.reshape(count, 6, -1)[:, : 5 if self.free else 6]
             null = np.linalg.svd(rows)[2][:, -free:]
             guesses = best.q[:, None] + size * np.einsum("sf,kfn->ksn", sides, null)
@@ -626,7 +641,11 @@ class _Search:
         if at > len(names) - 1:
             return "the departure"
         before = names[int(at)]
-        return before if at == int(at) else f"{100.0 * (at - int(at)):.0f} % of the way from {before} to {names[int(at) + 1]}"
+        return (
+            before
+            if at == int(at)
+            else f"{100.0 * (at - int(at)):.0f} % of the way from {before} to {names[int(at) + 1]}"
+        )
 
     # -- timing and the whole motion -------------------------------------------------------------------------------
 
@@ -668,7 +687,10 @@ class _Search:
         for index, (before, after) in enumerate(pairwise(followed)):
             leave = self._line(before.course.q[-1], self.departure, away=True)
             enter = self._line(after.course.q[0], self.approach, away=False)
-            begin, end = before.course.q[-1] if leave is None else leave.end, after.course.q[0] if enter is None else enter.start
+            begin, end = (
+                before.course.q[-1] if leave is None else leave.end,
+                after.course.q[0] if enter is None else enter.start,
+            )
             transit = plan(checker, begin, end, rng=self.rng)
             transits.append(transit)
             if not transit.ok:

@@ -70,7 +70,9 @@ class PathPiece:
     first: float = key("index of its first pose; a fraction for a place between two poses")
     last: float = key("index of its last pose")
     q: Array = key("(k, n) the configurations at the rungs", hidden=True)
-    rotations: Array = key("(k,) the rotations (rad) of the tool about its axis at the rungs, from the grid", hidden=True)
+    rotations: Array = key(
+        "(k,) the rotations (rad) of the tool about its axis at the rungs, from the grid", hidden=True
+    )
     poses: Array = key("(k,) the index of the pose of each rung; a fraction between two poses", hidden=True)
     cost: float = key("the cost of the motion from rung to rung")
     grid_cost: float = key("the least cost over the grid, before finer values around the optimum are compared")
@@ -154,7 +156,13 @@ class FollowPlan(Answer):
             for piece in self.pieces
         ]
         blocked = [
-            {"pose": each.pose, "last": each.last, "reason": each.obstruction.name, "message": each.message, "proven": each.proven}
+            {
+                "pose": each.pose,
+                "last": each.last,
+                "reason": each.obstruction.name,
+                "message": each.message,
+                "proven": each.proven,
+            }
             for each in self.blocked
         ]
         found |= {"pieces": pieces, "blocked": blocked, "cuts": list(self.cuts), "notes": list(self.path.notes)}
@@ -212,7 +220,12 @@ class FollowPlan(Answer):
     def _view(self) -> View:
         reasons = [each.message for each in self.blocked]
         rows = [
-            [f"{piece.first:g} to {piece.last:g}", piece.cost, piece.deviation * 1e3, np.degrees(piece.rotation_deviation)]
+            [
+                f"{piece.first:g} to {piece.last:g}",
+                piece.cost,
+                piece.deviation * 1e3,
+                np.degrees(piece.rotation_deviation),
+            ]
             for piece in self.pieces
         ]
         table = Rows(("poses", "cost", "deviation [mm]", "rotation [deg]"), rows) if rows else None

@@ -1,0 +1,297 @@
+"""Motions along tool paths: audited independently, optimal, and the reasons where there is none."""
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.tool_paths import FollowCosts, FollowStatus, Obstruction, ToolPath
+
+from .audits import arm_of, random_problem, wrong
+
+UP = (0.0, 0.0, 1.0)
+LINE = np.column_stack([np.full(7, 0.4), np.linspace(-0.3, 0.3, 7), np.full(7, 0.2)])
+CHECKED = {"free_rotation": True, "deviation": 1e-3, "rotation_deviation": np.radians(1.0)}
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    return arm_of("ur5")
+
+
+@pytest.fixture(scope="module")
+def free(ur5):
+    return pp.CollisionChecker(ur5)
+
+
+def walled(arm, centre, sides=(0.3, 0.02, 0.5)):
+    return pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("wall", pp.Box(*sides), pp.pose(centre))]))
+
+
+@pytest.mark.parametrize("name", ["ur5", "irb120", "crx10ia", "puma560", "panda"])
+def test_random_paths_pass_an_independent_dense_check(name):
+    found = 0
+    for seed in range(6):
+        checker, path, settings = random_problem(name, np.random.default_rng(seed))
+        plan = pp.follow(checker, path, **settings)
+        if plan.ok:
+            found += 1
+            assert wrong(plan, settings) == [], seed
+            assert plan.certificate.matches(plan.trajectory, checker.arm, checker.scene)
+        else:
+            assert plan.blocked or plan.cuts, seed
+    assert found
+
+
+def test_the_speed_of_the_path_is_kept_and_proven(free):
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=0.1), speed_tolerance=0.05).or_raise()
+    (piece,) = plan.pieces
+    assert 0.095 <= piece.speed[0] <= piece.speed[1] <= 0.1 * (1 + 1e-4)
+    assert max(piece.ramps) < 0.005
+    times = np.linspace(0, piece.trajectory.duration, 4000)
+    points = np.array([free.arm.forward_kinematics(q).translation for q in piece.trajectory(times)])
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / np.diff(times)
+    along = np.cumsum(speed * np.diff(times))
+    inside = (along > piece.ramps[0] + 1e-3) & (along < along[-1] - piece.ramps[1] - 1e-3)
+    assert speed[inside].min() >= piece.speed[0] - 1e-6
+    assert speed.max() <= piece.speed[1] + 1e-6
+
+
+def test_a_speed_that_the_joints_do_not_permit_is_too_slow_only_with_a_tolerance(free):
+    fast = ToolPath.through(LINE, UP, speed=2.0)
+    plan = pp.follow(free, fast, speed_tolerance=0.1)
+    assert (plan.status, plan.ok) == (FollowStatus.TOO_SLOW, False)
+    plan = pp.follow(free, fast).or_raise()
+    assert plan.pieces[0].speed_share < 0.9
+    assert "slows down" in plan.message
+
+
+def test_each_part_of_the_path_has_its_own_speed(free):
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=[0.1] * 3 + [0.05] * 3)).or_raise()
+    assert plan.duration == pytest.approx(3.0 + 6.0, abs=0.2)
+    trajectory = plan.pieces[0].trajectory
+    places = [free.arm.forward_kinematics(trajectory(t)).translation[1] for t in (1.0, 2.0, 5.0, 7.0)]
+    assert (places[1] - places[0], places[3] - places[2]) == pytest.approx((0.1, 0.1), abs=2e-3)
+
+
+def test_the_rotation_of_the_tool_stays_in_its_range(free):
+    # The wrist of a fixed tool would pass close to a singular configuration
+    arm, low, high = free.arm, -0.3, 0.4
+    path = ToolPath.through(LINE, UP, speed=0.1)
+    plan = pp.follow(free, path, free_rotation=(low, high)).or_raise()
+    times = np.linspace(0, plan.duration, 500)
+    relative = path.poses[0, :3, :3].T @ np.array([arm.forward_kinematics(q).rotation for q in plan.trajectory(times)])
+    angle = np.arctan2(relative[:, 1, 0], relative[:, 0, 0])
+    assert angle.min() >= low - np.radians(1.0)
+    assert angle.max() <= high + np.radians(1.0)
+    fixed = pp.follow(free, path, free_rotation=False).or_raise()
+    assert fixed.pieces[0].rotations == pytest.approx(0.0, abs=1e-6)
+    assert pp.follow(free, path).cost <= plan.cost * 1.01 <= fixed.cost * 1.02
+
+
+def test_the_cost_chooses_the_motion(free):
+    path = ToolPath.through(LINE, UP, speed=0.1)
+    checker = walled(free.arm, (0.4, 0.0, 0.45), (0.1, 0.1, 0.1))
+
+    def clearance(plan):
+        times = np.linspace(0, plan.duration, 60)
+        return float(np.mean(checker.clearance_batch(plan.trajectory(times))))
+
+    near, far = (pp.follow(checker, path, cost=cost, rotations=8).or_raise() for cost in ("travel", "clearance"))
+    assert clearance(far) > clearance(near)
+    travel = [(np.abs(np.diff(plan.pieces[0].q, axis=0)) / free.arm.limits.velocity).sum() for plan in (near, far)]
+    assert travel[0] < travel[1]
+    own = pp.follow(checker, path, cost=FollowCosts(travel=1.0, time=0.1, effort=1e-3), rotations=8)
+    assert own.cost == near.cost
+
+
+def test_finer_values_around_the_optimum_never_cost_more(free):
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=0.1), rotations=5)
+    assert plan.cost <= plan.pieces[0].grid_cost + 1e-9
+    assert plan.cost == pytest.approx(pp.follow(free, plan.path, rotations=48).cost, rel=0.02)
+
+
+def test_a_path_of_one_pose_and_repeated_poses(free):
+    one = pp.follow(free, ToolPath.through(LINE[:1], UP)).or_raise()
+    assert (one.duration, len(one.trajectory.q)) == (0.0, 1)
+    touched = pp.follow(free, ToolPath.through(LINE[:1], UP), approach=0.05).or_raise()
+    assert touched.duration > 0.1
+    start, end = (
+        free.arm.forward_kinematics(q).translation for q in (touched.trajectory.start, touched.trajectory.end)
+    )
+    assert start == pytest.approx(LINE[0] + [0, 0, 0.05], abs=1e-6)
+    assert end == pytest.approx(start, abs=1e-6)
+    twice = pp.follow(free, ToolPath.through(np.repeat(LINE, 2, axis=0), UP, speed=0.1)).or_raise()
+    assert twice.cost == pytest.approx(pp.follow(free, ToolPath.through(LINE, UP, speed=0.1)).cost)
+
+
+def test_a_closed_path_and_a_path_that_returns_are_followed(free):
+    a = np.linspace(0, 2 * np.pi, 61)
+    circle = np.column_stack([0.45 + 0.1 * np.cos(a), 0.1 * np.sin(a), np.full(61, 0.2)])
+    plan = pp.follow(free, ToolPath.through(circle, UP, speed=0.1)).or_raise()
+    assert plan.path.closed
+    assert wrong(plan, CHECKED) == []
+    back = pp.follow(free, ToolPath.through(LINE[[0, 3, 0, 3]], UP, speed=0.1)).or_raise()
+    assert wrong(back, CHECKED) == []
+    speed = np.linalg.norm(back.trajectory.velocity(np.array(back.trajectory.times)), axis=1)
+    assert (speed < 1e-9).sum() == 4  # it stops where it reverses
+
+
+def test_corners_are_rounded_within_the_deviation(free):
+    square = np.array([[0.4, -0.1, 0.2], [0.5, -0.1, 0.2], [0.5, 0.1, 0.2], [0.4, 0.1, 0.2], [0.4, -0.1, 0.2]])
+    for deviation in (3e-4, 3e-3):
+        settings = {**CHECKED, "deviation": deviation}
+        plan = pp.follow(free, ToolPath.through(square, UP, speed=0.05), deviation=deviation).or_raise()
+        assert wrong(plan, settings) == []
+        assert plan.deviation <= deviation
+        speed = np.linalg.norm(plan.trajectory.velocity(np.linspace(0.5, plan.duration - 0.5, 3000)), axis=1)
+        assert speed.min() > 1e-3  # it does not stop
+
+
+def test_poses_out_of_reach_are_blocked_with_a_proof(free):
+    path = ToolPath.through(np.column_stack([np.linspace(0.4, 1.4, 11), np.zeros(11), np.full(11, 0.3)]), UP, speed=0.1)
+    plan = pp.follow(free, path)
+    (blocked,) = plan.blocked
+    assert (plan.status, blocked.obstruction, blocked.proven) == (FollowStatus.BLOCKED, Obstruction.OUT_OF_REACH, True)
+    assert blocked.last == 10
+    reach = [np.linalg.norm(pose[:3, 3]) for pose in path.poses]
+    assert reach[int(np.ceil(blocked.pose))] > 0.8
+    with pytest.raises(pp.errors.PlanFailed, match="out of reach"):
+        plan.or_raise()
+
+
+def test_a_path_through_the_axis_of_the_base_is_blocked_there(free):
+    points = np.column_stack([np.linspace(0.35, -0.35, 15), np.zeros(15), np.full(15, 0.3)])
+    plan = pp.follow(free, ToolPath.through(points, UP, speed=0.1))
+    (blocked,) = plan.blocked
+    assert blocked.obstruction is Obstruction.OUT_OF_REACH
+    assert blocked.pose < 7 < blocked.last
+
+
+def test_contacts_name_the_bodies(ur5):
+    plan = pp.follow(walled(ur5, (0.4, 0.0, 0.2)), ToolPath.through(LINE, UP, speed=0.1))
+    blocked = next(each for each in plan.blocked if each.obstruction is Obstruction.CONTACT)
+    assert blocked.proven
+    assert blocked.pose <= 3 <= blocked.last
+    assert all("wall" in pair for pair, _ in zip(blocked.contacts, range(3), strict=False))
+    assert not plan.checker.is_free(blocked.q)
+
+
+def test_a_wrist_that_winds_up_needs_one_lift_and_is_planned_with_it(free):
+    poses = [pp.pose((0.4, 0.1, 0.2), (np.pi, 0, angle)) for angle in np.linspace(0, 4 * np.pi + 1.0, 40) % (2 * np.pi)]
+    plan = pp.follow(free, poses, free_rotation=False)
+    assert (plan.status, len(plan.cuts), plan.blocked) == (FollowStatus.LIFTS_NEEDED, 1, ())
+    assert [piece.trajectory is not None for piece in plan.pieces] == [True, True]
+    lifted = pp.follow(free, poses, free_rotation=False, lifts=1, approach=0.03).or_raise()
+    assert len(lifted.transits) == 1
+    assert lifted.certificate.matches(lifted.trajectory, free.arm, free.scene)
+    assert wrong(lifted, {**CHECKED, "free_rotation": False}) == []
+    # One joint cannot rotate by more than its range, so that fewer pieces do not suffice
+    wrist = [piece.q[:, 5] for piece in plan.pieces]
+    assert wrist[0].min() == pytest.approx(free.arm.limits.lower[5], abs=0.01)
+    assert wrist[0].max() + 2 * np.pi > free.arm.limits.upper[5]
+    once = pp.follow(free, poses[:30], free_rotation=False)
+    assert once.ok
+
+
+def test_a_singular_wrist_is_avoided_by_the_free_rotation_or_the_branch(ur5, free):
+    # The line passes through a configuration with a straight wrist, at a fixed orientation
+    q = np.array([0.0, -1.2, 1.8, -0.6, 0.0, 0.3])
+    centre = ur5.forward_kinematics(q)
+    poses = [pp.pose((0, y, 0)) * centre for y in np.linspace(-0.15, 0.15, 13)]
+    for settings in ({"free_rotation": True}, {"free_rotation": False}):
+        plan = pp.follow(free, ToolPath(poses, 0.05), **settings)
+        if plan.ok:
+            assert wrong(plan, {**CHECKED, **settings}) == []
+        else:
+            assert plan.cuts or plan.blocked
+
+
+def test_the_motion_begins_at_a_given_configuration(ur5, free):
+    start = pp.AnalyticIk().solve_all(ur5, pp.pose((0.45, -0.3, 0.3), (np.pi, 0, 0))).q
+    start = start[free.is_free_batch(start)][0]
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=0.1), start=start).or_raise()
+    assert plan.trajectory.start == pytest.approx(start, abs=1e-9)
+    assert wrong(plan, CHECKED) == []
+    touching = walled(ur5, (0.45, -0.3, 0.3), (0.1, 0.1, 0.1))
+    refused = pp.follow(touching, ToolPath.through(LINE, UP, speed=0.1), start=start)
+    assert refused.blocked[0].obstruction is Obstruction.CONTACT
+
+
+def test_tilts_pass_where_the_axis_of_the_path_is_in_contact(ur5):
+    # A bar beside the path, which the wrist touches unless the tool leans away from it
+    post = pp.Obstacle("bar", pp.Box(0.02, 0.9, 0.02), pp.pose((0.445, 0.0, 0.24)))
+    checker = pp.CollisionChecker(ur5, pp.Scene([post]))
+    path = ToolPath.through(LINE, UP, speed=0.1)
+    assert pp.follow(checker, path).blocked
+    tilted = pp.follow(checker, path, tilts=8, rotation_deviation=1.0, rotations=12).or_raise()
+    assert wrong(tilted, {**CHECKED, "rotation_deviation": 1.0}) == []
+
+
+def test_the_same_seed_gives_the_same_motion(free):
+    path = ToolPath.through(LINE, UP, speed=0.1)
+    one, other = (pp.follow(free, path) for _ in range(2))
+    assert one.trajectory.q.tobytes() == other.trajectory.q.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"deviation": 1e-6}, "deviation"), ({"rotations": 0}, "rotations"), ({"cost": "cheap"}, "balanced"),
+        ({"free_rotation": (1.0, -1.0)}, "range"), ({"approach": -0.1}, "approach"), ({"step": 0.0}, "step"),
+        ({"speed_tolerance": 2.0}, "speed_tolerance"), ({"lifts": -1}, "lifts"), ({"start": [0.0]}, "start"),
+    ],
+)  # fmt: skip
+def test_settings_out_of_range_are_refused_by_name(free, settings, words):
+    with pytest.raises(pp.InputError, match=words):
+        pp.follow(free, ToolPath.through(LINE, UP), **settings)
+
+
+def test_results_are_saved_and_shown(free, tmp_path):
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=0.1)).or_raise()
+    proof = plan.save(tmp_path / "seam.json")
+    assert proof.name == "seam.proof.json"
+    assert pp.Trajectory.load(tmp_path / "seam.json").q == pytest.approx(plan.trajectory.q)
+    assert plan.to_dict()["pieces"][0]["last"] == 6.0
+    assert "seam" not in repr(plan)
+    assert repr(plan).startswith("FollowPlan(FOUND: follows 7 poses")
+    blocked = pp.follow(free, [pp.pose((3.0, 0.0, 0.0))])
+    assert "out of reach" in repr(blocked)
+    for each, name in ((plan, "found.html"), (blocked, "blocked.html")):
+        each.to_html(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_the_elbow_that_passes_a_post_is_found(ur5):
+    q = np.array([0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
+    tool, elbow = ur5.forward_kinematics(q), ur5.frame_placement(q, "forearm_link").translation
+    post = pp.Obstacle("post", pp.Box(0.06, 0.06, 0.1), pp.pose(elbow))
+    checker = pp.CollisionChecker(ur5, pp.Scene([post]), trust_disabled=True)
+    assert not checker.is_free(q)
+    poses = [pp.pose(xyz) * tool for xyz in ((0, 0, 0), (0.1, 0, 0), (0.1, 0.1, 0), (0.1, 0.1, -0.1), (0, 0, 0))]
+    plan = pp.follow(checker, poses, free_rotation=False).or_raise()
+    assert wrong(plan, {**CHECKED, "free_rotation": False}) == []
+
+
+def test_an_arm_of_two_sliding_joints_stops_at_its_limit_and_at_a_wall():
+    arm = pp.load_robot(GANTRY).arm(tcp="l2")
+    wall = pp.Obstacle("wall", pp.Box(0.1, 0.4, 1.0), pp.pose((0.5, 0.5, 0.0)))
+    checker = pp.CollisionChecker(arm, pp.Scene([wall]))
+
+    def followed(*places):
+        return pp.follow(checker, ToolPath([pp.pose((*place, 0)) for place in places], 0.2), free_rotation=False)
+
+    plan = followed((0.0, 0.0), (0.0, -0.9), (0.9, -0.9)).or_raise()
+    assert wrong(plan, {**CHECKED, "free_rotation": False}) == []
+    (blocked,) = followed((0.0, 0.0), (0.0, -1.5)).blocked
+    assert (blocked.obstruction, blocked.pose) == (Obstruction.LIMIT, pytest.approx(1.0 / 1.5, abs=0.02))
+    (blocked,) = followed((0.0, 0.5), (0.9, 0.5)).blocked
+    assert (blocked.obstruction, set(blocked.contacts)) == (Obstruction.CONTACT, {("l2", "wall")})
+    assert (blocked.pose, blocked.last) == (pytest.approx(0.4 / 0.9, abs=0.03), pytest.approx(0.6 / 0.9, abs=0.03))
+
+
+GANTRY = """<robot name="gantry"><link name="l0"/>
+<link name="l1"/><joint name="x" type="prismatic"><parent link="l0"/><child link="l1"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<link name="l2"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+<joint name="y" type="prismatic"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""

@@ -132,6 +132,7 @@ if TYPE_CHECKING:
         simplify as simplify,
     )
     from pinproof.spatial import pose as pose, xyz_rpy as xyz_rpy
+    from pinproof.tool_paths import ToolPath as ToolPath, follow as follow
     from pinproof.viewer import show as show, write_html as write_html, write_png as write_png
 
 

@@ -62,8 +62,8 @@ def random_problem(name: str, rng: np.random.Generator):
 def off_the_path(path: ToolPath, poses: np.ndarray, near: float, *, freedom, first: float, last: float, parts: int):
     """(N, 2) the distance (m) and angle (rad) of poses (N, 4, 4) from the path between two of its poses.
 
-    The distance is that of the nearest point; the angle is the least to a point of the path that is at most ``near`` (m)
-    away. With a free rotation, the angle is that of the tool axis.
+    The distance is that of the nearest point; the angle is the least to a point of the path that is at most ``near``
+    (m) away. With a free rotation, the angle is that of the tool axis.
     """
     distances, angles = np.full(len(poses), np.inf), np.full(len(poses), np.inf)
     for i in range(max(int(np.floor(first)), 0), min(int(np.ceil(last)), len(path) - 1)):

@@ -1,7 +1,7 @@
 """Tool paths: the best joint motion along a whole path of the tool, certified, or why there is none."""
 
 from pinproof.common import faces
-from pinproof.tool_paths.follow import follow as follow
+from pinproof.tool_paths.following import follow as follow
 from pinproof.tool_paths.path import ToolPath as ToolPath
 from pinproof.tool_paths.result import (
     BlockedPose as BlockedPose,

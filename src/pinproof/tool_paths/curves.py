@@ -2,8 +2,8 @@
 
 The configurations of the rungs are smoothed in joint space and then projected back onto the route, so that steps of the
 grid become even motions. The spline through the projected points is twice differentiable; the compiled core bounds the
-deviation of its tool from the route at every point (``src/core/planning/route_follower.h``). Where the bound exceeds the
-tolerance, a joint leaves its limits, or the rotation of the tool leaves its range, points are added.
+deviation of its tool from the route at every point (``src/core/planning/route_follower.h``). Where the bound exceeds
+the tolerance, a joint leaves its limits, or the rotation of the tool leaves its range, points are added.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from pinproof.ik import Clik, IkTask
 from pinproof.model import Arm
@@ -22,6 +23,8 @@ from pinproof.spatial import Array
 ROUNDS, PARTS = 14, 256
 # M and rad: accuracy with which points are projected onto the route.
 PROJECTED = 1e-8
+# Distance of parameters of a route that are equal up to rounding.
+SAME = 1e-12
 # rad or m: largest distance of a projected point from the curve before. A longer one leads to another branch.
 FAR = 0.5
 # rad or m: excess over a joint limit that is attributed to floating-point errors.
@@ -75,10 +78,10 @@ class CurveMaker:
         """
         arm, follower = self.arm, self.follower
         borders = np.array([piece.end for piece in route.compiled.pieces[:-1]])
-        knots = np.union1d(s, borders[(borders > s[0]) & (borders < s[-1])])
-        # Two knots closer than rounding are one: the border of the route
-        knots = knots[np.concatenate([[True], np.diff(knots) > 1e-12])]
-        knots[-1] = s[-1]
+        borders = borders[(borders > s[0] + SAME) & (borders < s[-1] - SAME)]
+        # A rung that is a border up to rounding is that border
+        apart = np.abs(s[1:-1, None] - borders).min(axis=1, initial=np.inf) > SAME
+        knots = np.concatenate([s[:1], np.union1d(s[1:-1][apart], borders), s[-1:]])
         guess = _smoothed(knots, s, q, width)
         points, missed = self._projected(route, knots[1:-1], guess[1:-1])
         if missed is not None:
@@ -89,7 +92,7 @@ class CurveMaker:
             path = CubicPath.through(points, arm.joint_names, knots)
             bounds = follower.bound(path, route)
             outside = self._outside(path)
-            bad = (bounds[:, 0] > self.deviation) | (bounds[:, 1] > self.rotation_deviation) | (outside > ROUNDING)
+            bad = ~(bounds <= [self.deviation, self.rotation_deviation]).all(axis=1) | (outside > ROUNDING)
             if self.spin is not None:
                 bad |= self._spins(path, route)
             if not bad.any():
@@ -131,19 +134,18 @@ class CurveMaker:
         excess = np.maximum(control - limits.upper, limits.lower - control).max(axis=(1, 2))
         return np.asarray(np.maximum(excess, 0.0))
 
-    def _spins(self, path: CubicPath, route: Route) -> Array:
+    def _spins(self, path: CubicPath, route: Route) -> npt.NDArray[np.bool_]:
         """(k,) whether the rotation of the tool about its axis may leave its range on each piece.
 
         From the closer one of the two ends of a piece, the tool rotates by at most half of the sum of the lengths of
         the control polygons of the revolute joints, and the route by at most half of its rotation.
         """
-        assert self.spin is not None
         knots, control = path.bezier()
         relative = (
             np.swapaxes(route.poses(knots)[:, :3, :3], 1, 2) @ self.arm.forward_kinematics_batch(path.q)[:, :3, :3]
         )
         angle = np.arctan2(relative[:, 1, 0] - relative[:, 0, 1], relative[:, 0, 0] + relative[:, 1, 1])
-        low, high = self.spin
+        low, high = self.spin or (-np.pi, np.pi)
         middle = 0.5 * (low + high)
         angle = middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi
         excess = np.maximum(low - angle, angle - high)
@@ -159,7 +161,7 @@ class CurveMaker:
         piece = np.searchsorted(ends, 0.5 * (knots[:-1] + knots[1:]))
         turned += 0.5 * rates[piece] / np.maximum(spans[piece], 1e-300) * np.diff(knots)
         margin = self.rotation_deviation / max(np.cos(min(self.rotation_deviation, 1.5)), 1e-3)
-        return np.asarray(np.maximum(excess[:-1], excess[1:]) + turned > margin + 1e-6)
+        return np.asarray(np.maximum(excess[:-1], excess[1:]) + turned > margin + 1e-6, dtype=bool)
 
 
 def image_deviation(arm: Arm) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from pinproof.errors import InputError
 from pinproof.spatial import SE3, Array, finite, rigid_many
 from pinproof.units import refuse_millimetres
 
-# Distance (m) and angle (rad) up to which consecutive poses are equal: a tenth of the accuracy with which IK reaches them.
+# Distance (m) and angle (rad) up to which consecutive poses are equal: a tenth of the accuracy of inverse kinematics.
 SAME_POSITION, SAME_ANGLE = 1e-7, 1e-7
 # Length below which a direction has no direction.
 ZERO = 1e-9
@@ -158,7 +158,7 @@ class ToolPath(Shown):
         """Whether the path ends at the point at which it begins, with the same axis of the tool."""
         first, last = self.poses[0], self.poses[-1]
         apart = np.linalg.norm(last[:3, 3] - first[:3, 3]), np.linalg.norm(last[:3, 2] - first[:3, 2])
-        return len(self) > 2 and max(apart) < 1e-6
+        return bool(len(self) > 2 and max(apart) < 1e-6)
 
     @property
     def duration(self) -> float:

@@ -100,9 +100,9 @@ class Rung:
     """A pose of a route with its nodes; ``at`` is the index of the pose of the path, a fraction between two poses.
 
     ``q`` (m, n) are all IK solutions within the limits, and ``free`` (m,) states which of them have no contact.
-    ``outside`` solutions exist outside the limits. ``complete`` states that no
-    other solution exists at the rotations and tilts of the grid. ``removed`` are the edges to the next rung, as pairs
-    of rows of :attr:`nodes`, along which no curve was found.
+    ``outside`` solutions exist outside the limits. ``complete`` states that no other solution exists at the rotations
+    and tilts of the grid. ``removed`` are the edges to the next rung, as pairs of rows of :attr:`nodes`, along which no
+    curve was found.
     """
 
     route: int
@@ -126,14 +126,16 @@ def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask,
     """Compute the nodes of rungs."""
     arm, turns, count = checker.arm, grid.turns, len(rungs)
     places = np.array([rung.place for rung in rungs]).reshape(-1, 4, 4)
-    outside, complete = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    outside: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+    complete: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
     try:
         targets = (places[:, None] @ turns[None]).reshape(-1, 4, 4)
         found = AnalyticIk().solve_all_batch(arm, targets, redundant_values=grid.redundant)
         exists = np.arange(found.q.shape[1]) < found.count[:, None]
         q = found.q[exists]
         counts = found.count.reshape(count, -1).sum(axis=1)
-        outside, complete = found.outside.reshape(count, -1).sum(axis=1), found.complete.reshape(count, -1).all(axis=1)
+        outside = found.outside.reshape(count, -1).sum(axis=1)
+        complete = np.asarray(found.complete.reshape(count, -1).all(axis=1))
     except NoClosedForm:
         # Different solutions from random starts; a rotation that is free is left to the search
         solver, turns = Clik(restarts=SAMPLED), turns if task == IkTask() else turns[:1]
@@ -144,7 +146,7 @@ def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask,
         ]
         q = np.concatenate(many)
         counts = np.array([len(part) for part in many]).reshape(count, -1).sum(axis=1)
-    free = checker.is_free_batch(q) if len(q) else np.empty(0, dtype=bool)
+    free = np.asarray(checker.is_free_batch(q), dtype=bool) if len(q) else np.empty(0, dtype=bool)
     rates, start = rates_of(checker, q[free], costs), 0
     for number, rung in enumerate(rungs):
         rows = slice(start, start := start + int(counts[number]))
@@ -262,7 +264,9 @@ class RungLadder:
             nodes.append(node)
         counts = np.array([len(part) for part in parts], dtype=np.int64)
         self._q, self._node = np.ascontiguousarray(np.concatenate(parts)), np.concatenate(nodes)
-        costs = np.concatenate([time * rung.rates[node] for time, rung, node in zip(share, self._rungs, nodes)])
+        costs = np.concatenate(
+            [time * rung.rates[node] for time, rung, node in zip(share, self._rungs, nodes, strict=True)]
+        )
         period = np.where(self._wide, TURN, 0.0)
         period[self._split] = 0.0
         speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
@@ -325,6 +329,9 @@ def rungs_of(routes: list[Route], first: float, step: float, angle: float) -> li
             shares = np.arange(1, parts + 1) / parts
             parameters = np.append(begin + (end - begin) * shares[:-1], end)
             ats = np.append(at + shares[:-1], at + 1.0)
-            rungs += [Rung(number, *each) for each in zip(parameters.tolist(), route.poses(parameters), ats.tolist())]
+            rungs += [
+                Rung(number, *each)
+                for each in zip(parameters.tolist(), route.poses(parameters), ats.tolist(), strict=True)
+            ]
             begin, at = end, at + 1.0
     return rungs

@@ -1,0 +1,439 @@
+"""The search for a tool path: rungs, the best way through them, and the curves along it, refined where there is none.
+
+1. Rungs: all IK branches of each pose, with each rotation of the tool, tilt and redundant value of a grid
+   (:mod:`pinproof.tool_paths.rungs`). The best sequence of nodes is optimal over the grid; finer values follow.
+2. A spline through the nodes of the optimum, with a bound of its deviation from the path at every instant
+   (:mod:`pinproof.tool_paths.curves`), and the certificate that it is free of contact.
+3. Where an edge of the optimum has no such curve, a rung is added in its middle, and below a least distance the edge is
+   removed. Then the optimum is computed again, so that it is the optimum over all edges that were not removed.
+
+If the last rung cannot be reached, the farthest one ends a piece and begins the next one. No other division has fewer
+pieces: a piece that begins later reaches no farther.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import groupby, pairwise, product
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.ik import Clik, IkTask, track
+from pinproof.motion import CubicPath
+from pinproof.planning import Route, nearest_target, routes_through
+from pinproof.spatial import SE3, Array, matrix, pose
+from pinproof.tool_paths.curves import CurveMaker, NoCurve, RouteCurve
+from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.reasons import blocked_rungs, jump, obstruction, smallest_step
+from pinproof.tool_paths.result import BlockedPose
+from pinproof.tool_paths.rungs import (
+    Course,
+    Flags,
+    Grid,
+    LadderSettings,
+    Rung,
+    RungLadder,
+    fill,
+    rates_of,
+    rungs_of,
+)
+
+SPIN = IkTask(rz=False)
+"""All coordinates of the tcp except for the rotation about its z axis."""
+
+# Share of the allowed deviation by which corners of the path are rounded, so that the tool need not stop there.
+ROUNDED = 0.3
+# M: rungs are not added closer than this to each other.
+CLOSEST = 5e-4
+# m/s and rad/s: speed of the tool for which the costs are computed if none is stated.
+NOMINAL, NOMINAL_ROTATION = 0.25, 1.0
+# Number of configurations that are moved from rung to rung where the grid ends, over how many rungs, and the accuracy
+# (m and rad) of their poses; and the number of random ones at the first rung.
+MOVED, EXTENDED, EXACT, SAMPLED = 48, 40, 1e-9, 20
+# Rounds in which finer values around the optimum are compared, and the shares by which a round must improve the cost to
+# be repeated with values of the same size, and for there to be another one.
+ROUNDS, IMPROVED, ENOUGH = 12, 0.01, 1e-4
+# rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
+FARTHEST = 2.0
+# Length of the window over which steps are smoothed, in steps of the grid.
+WINDOW = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedPiece:
+    """A part of the path from one rung to another one, with the curve along each route or part of a route."""
+
+    first: int
+    last: int
+    course: Course
+    grid_cost: float
+    curves: list[RouteCurve]
+    groups: list[
+        list[tuple[CubicPath, Array]]
+    ]  # of the approach, the path and the departure, with the speed of the pieces
+    rotations: Array
+
+
+@dataclass(kw_only=True, eq=False)
+class Search:
+    """The state of :func:`follow`."""
+
+    checker: CollisionChecker
+    path: ToolPath
+    grid: Grid
+    free: bool
+    whole: bool
+    spin: tuple[float, float] | None
+    deviation: tuple[float, float]
+    image: tuple[float, float]
+    approach: float
+    departure: float
+    settings: LadderSettings
+    spacing: tuple[float, float]
+    budget: int
+    rng: int
+    start: Array | None
+    routes: list[Route] = field(default_factory=list)
+    rungs: list[Rung] = field(default_factory=list)
+    extended: list[Rung] = field(default_factory=list)
+    refined: int = 0
+    removed: int = 0
+    unproven: str = ""
+    exhausted: bool = False
+
+    def run(self) -> tuple[list[FollowedPiece], list[BlockedPose]]:
+        """The pieces that can be followed, and the parts of the path between them that cannot be passed.
+
+        If nothing is blocked, each piece begins where the one before ends, and they cover the path, unless the budget
+        was used up, which ``exhausted`` states.
+        """
+        self._make_rungs()
+        pieces: list[FollowedPiece] = []
+        blocked: list[BlockedPose] = []
+        at, names = 0, self.path.names
+        while True:
+            piece = self._piece(at)
+            last = len(self.rungs) - 1  # rungs may have been added
+            if self.exhausted:
+                break
+            if piece is not None and (piece.last > at or last == 0):
+                pieces.append(piece)
+            if piece is not None and piece.last == last:
+                break
+            end = at if piece is None else piece.last
+            # The next rung with nodes: the tool is lifted, or a part of the path cannot be done
+            following = next((k for k in range(end + 1, last + 1) if len(self.rungs[k].rates)), None)
+            if piece is None or following != end + 1:
+                gap = self.rungs[end if piece is None else end + 1 : last + 1 if following is None else following]
+                empty = [rung for rung in gap if not len(rung.rates)]
+                turns = len(self.grid.turns)
+                blocked += [
+                    blocked_rungs(self.checker, list(rows), turns, names) for _, rows in groupby(empty, obstruction)
+                ]
+            elif end == at:
+                blocked.append(self.jump(piece))
+            if following is None:
+                break
+            at = end if following == end + 1 and end > at else following
+        return pieces, blocked
+
+    def jump(self, piece: FollowedPiece) -> BlockedPose:
+        """Why no node of the next rung is within reach of the last rung of a piece."""
+        rungs = self.rungs[piece.last], self.rungs[piece.last + 1]
+        failed = f"; {self.unproven}" if self.unproven and self.removed else ""
+        return jump(self.checker.arm, piece.course.reachable, rungs, self.path.names, failed)
+
+    @property
+    def task(self) -> IkTask:
+        """The coordinates of the tcp that the path states."""
+        return SPIN if self.free else IkTask()
+
+    @property
+    def rounding(self) -> tuple[float, float]:
+        """By how much (m, rad) the corners of the path are rounded at most."""
+        one, other = (ROUNDED * (total - image) for total, image in zip(self.deviation, self.image, strict=True))
+        return one, other
+
+    # -- the grid --------------------------------------------------------------------------------------------------
+
+    def _make_rungs(self) -> None:
+        """The routes of the tool and their rungs with all nodes."""
+        arm, path = self.checker.arm, self.path
+        frames = [SE3(each[:3, :3], each[:3, 3]) for each in path.poses]
+        if self.whole:  # the rotation is free, so that the reference rotates as little as possible
+            for index in range(1, len(frames)):
+                frames[index] = nearest_target(frames[index - 1], frames[index], SPIN)
+        lines = [(0.0, frames)]
+        if self.start is not None:
+            here = arm.forward_kinematics(self.start)
+            if self.whole:
+                here = SE3(nearest_target(frames[0], here, SPIN))
+            lines.insert(0, (-1.0, [here, frames[0]]))
+        elif self.approach > 0.0:
+            lines.insert(0, (-1.0, [frames[0] * pose((0.0, 0.0, -self.approach)), frames[0]]))
+        if self.departure > 0.0:
+            lines.append((len(frames) - 1.0, [frames[-1], frames[-1] * pose((0.0, 0.0, -self.departure))]))
+        first, rounding = lines[0][0], self.rounding
+        for _, line in lines:
+            self.routes += [route for route in routes_through(line, *rounding) if route.length > 0.0]
+        if self.routes:
+            self.rungs = rungs_of(self.routes, first, *self.spacing)
+        else:
+            self.rungs = [Rung(0, 0.0, matrix(frames[0]), 0.0)]
+        self._fill(self.rungs)
+        if self.start is not None:  # the only node of the first rung
+            one = self.start[None]
+            self.rungs[0].q, self.rungs[0].free = one, self.checker.is_free_batch(one)
+            self.rungs[0].rates = np.zeros(int(self.rungs[0].free.sum()))
+        self._connect()
+
+    def _fill(self, rungs: list[Rung]) -> None:
+        fill(rungs, self.checker, self.grid, self.task, self.settings.costs, self.rng)
+
+    def _connect(self) -> None:
+        """The ladder graph over the rungs."""
+        places = np.array([rung.place for rung in self.rungs])
+        length = np.linalg.norm(np.diff(places[:, :3, 3], axis=0), axis=1)
+        turned = np.linalg.norm(np.diff(places[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
+        speed = self._speeds(0.5 * np.array([a.at + b.at for a, b in pairwise(self.rungs)]))
+        timed = np.isfinite(speed)
+        duration = np.where(timed, length / speed, np.maximum(length / NOMINAL, turned / NOMINAL_ROTATION))
+        self._ladder = RungLadder(self.checker.arm, self.rungs, np.maximum(duration, 1e-6), timed, self.settings)
+
+    def _speeds(self, at: Array) -> Array:
+        """(k,) the speed (m/s) of the tool at places of the path; infinite without one, and where it only rotates."""
+        if self.path.speed is None or not len(self.path.speed):
+            return np.full(len(at), np.inf)
+        piece = np.clip(np.floor(at).astype(int), 0, len(self.path.speed) - 1)
+        moves = (self.path.lengths[piece] > CLOSEST) | (at < 0.0) | (at > len(self.path) - 1)
+        return np.where(moves, self.path.speed[piece], np.inf)
+
+    # -- a piece without lifts -------------------------------------------------------------------------------------
+
+    def _piece(self, first: int) -> FollowedPiece | None:
+        """The best certified curves from a rung to the farthest one; None if the rung has no nodes."""
+        while True:
+            course = self._ladder.solve(first, len(self.rungs) - 1)
+            if not len(course.nodes):
+                return None
+            last = first + len(course.nodes) - 1
+            if last < len(self.rungs) - 1 and self._continue(last, course.reachable):
+                continue
+            # Without the finer values, and without smoothing, if the curve fails
+            polished = self._polished(first, course)
+            attempts = (
+                ((polished, WINDOW), (polished, 0.0), (course, 0.0)) if self.settings.steps > 0.0 else ((course, 0.0),)
+            )
+            index = first
+            for tried, width in attempts:
+                made = self._curves(first, tried, width, course.cost)
+                if isinstance(made, FollowedPiece):
+                    return made
+                index, self.unproven = made
+            if self.refined >= self.budget:
+                self.exhausted = True
+                return None
+            self._refine(index, course.nodes[index - first : index - first + 2])
+
+    def _continue(self, last: int, reachable: Array) -> bool:
+        """Whether nodes or a rung were added where the farthest rung is not the last one."""
+        end = self.rungs[last]
+        if self.settings.steps > 0.0 and not self.extended:
+            # The branch on which the path goes on may have ended before, and between the values of the grid: all rungs
+            # get the solutions that follow from those of the first rung, and from random ones there
+            self.extended.append(self.rungs[0])
+            many = Clik(restarts=SAMPLED).solve_many(
+                self.checker.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=self.task
+            )
+            if self.start is None:
+                self._add(self.rungs[0], many.q[self._allowed(many.q, [self.rungs[0]] * len(many.q))])
+            self._extend(0, self.rungs[0].nodes, len(self.rungs))
+            self._connect()
+            return True
+        if self.settings.steps > 0.0 and end not in self.extended:
+            self.extended.append(end)
+            if self._extend(last, reachable, EXTENDED):
+                self._connect()
+                return True
+        step = smallest_step(self.checker.arm, reachable, self.rungs[last + 1].nodes)
+        if (
+            step is None
+            or self.refined >= self.budget
+            or np.abs(step[1]).max() > FARTHEST
+            or self._gap(last) <= CLOSEST
+        ):
+            return False
+        self._refine(last, np.empty(0, dtype=np.int64))
+        return True
+
+    def _gap(self, index: int) -> float:
+        """M: length of the route between a rung and the next one."""
+        before, after = self.rungs[index], self.rungs[index + 1]
+        begin = before.s if before.route == after.route else 0.0
+        return (after.s - begin) * self.routes[after.route].length
+
+    def _curves(self, first: int, course: Course, width: float, grid_cost: float) -> FollowedPiece | tuple[int, str]:
+        """Curves through the nodes of a course, or the index of the edge along which none was found, and why."""
+        last = first + len(course.nodes) - 1
+        rungs = self.rungs[first : last + 1]
+        allowed = [
+            (1.0 - 1e-9) * (total - image - rounding)
+            for total, image, rounding in zip(self.deviation, self.image, self.rounding, strict=True)
+        ]
+        projection = IkTask(rx=False, ry=False, rz=False) if len(self.grid.tilts) > 1 else self.task
+        maker = CurveMaker(self.checker.arm, self.task, allowed[0], allowed[1], self.spin, projection)
+        curves: list[RouteCurve] = []
+        groups: list[list[tuple[CubicPath, Array]]] = [[], [], []]
+        begin = 0
+        while begin < len(rungs) - 1:
+            number = rungs[begin + 1].route
+            end = begin + 1
+            while end + 1 < len(rungs) and rungs[end + 1].route == number:
+                end += 1
+            s = np.array([rung.s for rung in rungs[begin : end + 1]])
+            s[0] = rungs[begin].s if rungs[begin].route == number else 0.0
+            seconds = float(self._ladder.durations[first + begin : first + end].sum())
+            window = width * self.settings.steps * (s[-1] - s[0]) / max(seconds, 1e-9)
+            made = maker.curve(self.routes[number], s, course.q[begin : end + 1], window)
+            if isinstance(made, NoCurve):
+                where, reason = made.s, made.reason
+            else:
+                certificate = certify(made.path, self.checker)
+                where, reason = _stop(certificate), certificate.message
+                if certificate.free:
+                    curves.append(made)
+                    knots, ats = made.path.knots, np.array([rung.at for rung in rungs[begin : end + 1]])
+                    group = 0 if ats[-1] <= 0.0 else 1 if ats[0] < len(self.path) - 1 else 2
+                    speed = self._speeds(np.interp(0.5 * (knots[1:] + knots[:-1]), s, ats))
+                    groups[group].append((made.path, speed))
+                    begin = end
+                    continue
+            edge = begin + int(np.clip(np.searchsorted(s, where, side="right") - 1, 0, end - begin - 1))
+            return first + edge, reason
+        return FollowedPiece(first, last, course, grid_cost, curves, groups, self._rotations(course.q, rungs))
+
+    def _rotations(self, q: Array, rungs: list[Rung]) -> Array:
+        """(k,) the rotation (rad) of the tool about its axis from the pose of each rung, in its range."""
+        places = np.array([rung.place for rung in rungs])[:, :3, :3]
+        turn = np.swapaxes(places, 1, 2) @ self.checker.arm.forward_kinematics_batch(q)[:, :3, :3]
+        angle = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
+        middle = 0.0 if self.spin is None else 0.5 * sum(self.spin)
+        return np.asarray(middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi)
+
+    def _extend(self, index: int, q: Array, count: int) -> bool:
+        """Add nodes between the values of the grid to ``count`` rungs after one, and whether there are any.
+
+        The configurations q (k, n) of that rung are moved from rung to rung by the smallest steps of the joints, as far
+        as they have no contact. They reach places where solutions exist only between values of the grid.
+        """
+        ahead = self.rungs[index + 1 :][:count]
+        places, added = np.array([rung.place for rung in ahead]), [[np.empty((0, q.shape[1]))] for _ in ahead]
+        for start in q[:: 1 + len(q) // MOVED]:
+            moved = track(
+                self.checker.arm, places, start, dt=1.0, velocity=self.settings.jump, position_tolerance=EXACT,
+                orientation_tolerance=EXACT, task=self.task,
+            )  # fmt: skip
+            reached = (
+                (moved.position_error <= EXACT) & (moved.orientation_error <= EXACT) & self._allowed(moved.q, ahead)
+            )
+            for number in range(len(ahead) if reached.all() else int(reached.argmin())):
+                added[number].append(moved.q[number : number + 1])
+        for rung, rows in zip(ahead, added, strict=True):
+            self._add(rung, np.concatenate(rows))
+        return len(added[0]) > 1
+
+    def _allowed(self, q: Array, rungs: list[Rung]) -> Flags:
+        """(k,) whether configurations q (k, n) at rungs have no contact, with the rotation of the tool in its range."""
+        allowed = self.checker.is_free_batch(q) if len(q) else np.empty(0, dtype=bool)
+        if self.spin is not None and len(q):
+            angle = self._rotations(q, rungs)
+            allowed &= (angle >= self.spin[0]) & (angle <= self.spin[1])
+        return allowed
+
+    def _add(self, rung: Rung, q: Array) -> None:
+        """Add nodes q (k, n) without contact to a rung."""
+        rung.q, rung.free = (
+            np.concatenate([rung.q.reshape(-1, q.shape[1]), q]),
+            np.append(rung.free, np.full(len(q), True)),
+        )
+        rung.rates = np.append(rung.rates, rates_of(self.checker, q, self.settings.costs))
+
+    def _polished(self, first: int, course: Course) -> Course:
+        """The optimum over finer and finer values around those of a course, which move the tool only about its axis.
+
+        The motions of the joints that keep the tool on the path, apart from its free rotation, are the null space of
+        its Jacobian. Each round compares steps of half the size of the round before, to both sides of each rung.
+        """
+        arm, checker, count = self.checker.arm, self.checker, len(course.nodes)
+        free = arm.dof - (5 if self.free else 6)
+        if free < 1 or count < 2 or self.settings.finest <= 0.0 or len(self.grid.tilts) > 1:
+            return course
+        rungs, task = self.rungs[first : first + count], self.task
+        places = np.array([rung.place for rung in rungs])
+        solver = Clik(position_tolerance=EXACT, orientation_tolerance=EXACT, restarts=0)
+        sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
+        best, size = course, 0.5 * self.settings.finest
+        for _ in range(ROUNDS):
+            jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(
+                count, 2, 3, -1
+            )
+            rows = jacobian.reshape(count, 6, -1)[:, : 5 if self.free else 6]
+            null = np.linalg.svd(rows)[2][:, -free:]
+            guesses = best.q[:, None] + size * np.einsum("sf,kfn->ksn", sides, null)
+            many = np.repeat(places, len(sides), axis=0)
+            found = solver.solve_batch(arm, many, arm.limits.clip(guesses.reshape(-1, arm.dof)), task=task)
+            kept = found.ok & (np.abs(found.q - guesses.reshape(-1, arm.dof)).max(axis=1) < size)
+            kept[kept] = self._allowed(found.q[kept], [rungs[row // len(sides)] for row in np.flatnonzero(kept)])
+            kept = kept.reshape(count, -1)
+            kept[0] &= self.start is None or first > 0
+            q = found.q.reshape(count, len(sides), -1)
+            around = []
+            for k, rung in enumerate(rungs):
+                nodes = np.concatenate([best.q[k : k + 1], q[k][kept[k]]])
+                around.append(Rung(rung.route, rung.s, rung.place, rung.at, nodes, np.ones(len(nodes), dtype=bool)))
+            rates, start = rates_of(checker, np.concatenate([each.q for each in around]), self.settings.costs), 0
+            for each in around:
+                each.rates = rates[start : start + len(each.q)]
+                start += len(each.q)
+            span = slice(first, first + count - 1)
+            ladder = RungLadder(
+                arm, around, self._ladder.durations[span], self._ladder.timed[span], self.settings, windings=False
+            )
+            better = ladder.solve(0, count - 1)
+            if len(better.nodes) < count:
+                break
+            gained = 1.0 - better.cost / max(best.cost, 1e-300)
+            best = Course(better.q, course.nodes, better.cost, course.reachable)
+            if gained < IMPROVED:
+                size *= 0.5
+                if gained < ENOUGH and size < self.settings.finest / 8.0:
+                    break
+        return best
+
+    def _refine(self, index: int, nodes: npt.NDArray[np.int64]) -> None:
+        """Add a rung in the middle of an edge, or remove the edge if its rungs are close to each other."""
+        before, after = self.rungs[index], self.rungs[index + 1]
+        self.refined += 1
+        if self._gap(index) > CLOSEST:
+            begin = before.s if before.route == after.route else 0.0
+            middle = 0.5 * (begin + after.s)
+            place = self.routes[after.route].poses(np.array([middle]))[0]
+            rung = Rung(after.route, middle, place, 0.5 * (before.at + after.at))
+            self._fill([rung])
+            before.removed.clear()
+            self.rungs.insert(index + 1, rung)
+        else:
+            before.removed.append((int(nodes[0]), int(nodes[1])))
+            self.removed += 1
+        self._connect()
+
+
+def _stop(certificate: Certificate) -> float:
+    """The parameter at which a certificate that is not FREE stops."""
+    if certificate.first_contact is not None:
+        return float(certificate.first_contact.time)
+    if certificate.undecided is not None:
+        return float(certificate.undecided.start)
+    return 0.0 if certificate.violation is None else float(certificate.violation.time)

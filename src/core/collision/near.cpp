@@ -113,6 +113,28 @@ struct SmallestDistance {
     }
 };
 
+// The direction along which two bodies are most likely apart: the normal, at the offset of their boxes, of the ellipsoid
+// with the matrix (A^2 + R B^2 R^T)^-1, where A and B have the half sides of the boxes. For bodies that are long or flat
+// it is much closer to the separating direction than the offset itself.
+Vec3 likely_direction(const Shape& a, const Shape& b, const Transform& a_from_b) {
+    const Vec3 offset = a_from_b * b.centre - a.centre;
+    double m[3][3] = {};
+    for (int i = 0; i < 3; ++i) {
+        m[i][i] = a.half[i] * a.half[i];
+        for (int j = 0; j < 3; ++j)
+            for (int k = 0; k < 3; ++k)
+                m[i][j] += a_from_b.rotation.m[i][k] * a_from_b.rotation.m[j][k] * b.half[k] * b.half[k];
+    }
+    // The inverse of a symmetric matrix by its adjugate.
+    const double xx = m[1][1] * m[2][2] - m[1][2] * m[1][2], xy = m[0][2] * m[1][2] - m[0][1] * m[2][2];
+    const double xz = m[0][1] * m[1][2] - m[0][2] * m[1][1], yy = m[0][0] * m[2][2] - m[0][2] * m[0][2];
+    const double yz = m[0][1] * m[0][2] - m[0][0] * m[1][2], zz = m[0][0] * m[1][1] - m[0][1] * m[0][1];
+    const double determinant = m[0][0] * xx + m[0][1] * xy + m[0][2] * xz;
+    if (!(determinant > 0.0)) return offset;  // flat boxes
+    const double x = offset.x / determinant, y = offset.y / determinant, z = offset.z / determinant;
+    return {xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z};
+}
+
 }  // namespace
 
 // Judge a pair that balls and boxes did not decide; whether the question is answered.
@@ -125,8 +147,7 @@ bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& quest
     // The search begins between the boxes, because the frames of bodies may be far from them. Where distances are
     // returned, it begins as those of certificates do.
     if (Question::kStopsAtContact && !(squared_norm(separation.direction) > 0.0))
-        separation.direction = transposed_times(bodies_[pair.a].root_from_body.rotation,
-                                                bodies_[pair.b].centre - bodies_[pair.a].centre);
+        separation.direction = likely_direction(world_->shape(pair.a), world_->shape(pair.b), *a_from_b);
     const double limit = question.limit(*world_, k);
     const DistanceBounds bounds = bound_distance(world_->shape(pair.a), world_->shape(pair.b), *a_from_b,
                                                  {.above = limit, .below = question.below(*world_, k)}, separation);

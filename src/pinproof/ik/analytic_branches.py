@@ -17,7 +17,7 @@ from pinproof.ik.analytic_plan import Plan, plan_for
 from pinproof.ik.analytic_self_motion import IkFamily, branches_elsewhere, families_of
 from pinproof.ik.result import TURN, IkAnswer, nearest_winding
 from pinproof.model import AT_LIMIT, Arm
-from pinproof.spatial import Array, rigid
+from pinproof.spatial import Array, rigid, rigid_matrix
 from pinproof.units import far_hint
 
 END = 1e-9
@@ -121,7 +121,7 @@ class IkBranches(IkAnswer):
     arm
         The arm.
     target
-        (4, 4) the pose.
+        (4, 4) the pose, rigid up to rounding.
     reference
         (n,) q0.
     found
@@ -146,8 +146,13 @@ class IkBranches(IkAnswer):
         *,
         swept: bool = True,
     ) -> None:
-        self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
+        self.arm, self._plan, self._stated, self.reference = arm, plan, target, reference
         self._found, self.grid, self.intervals, self._swept = found, grid, intervals, swept
+
+    @cached_property
+    def target(self) -> Array:
+        """(4, 4) the pose, with an exact rotation."""
+        return rigid_matrix("target", self._stated)
 
     @classmethod
     def solved(
@@ -160,7 +165,7 @@ class IkBranches(IkAnswer):
             intervals = intervals_of(plan, target, reference, grid, counts) if swept else ()
             return cls(arm, plan, target, reference, at_values, intervals, grid, swept=swept)
         found = plan.core.solve(target, reference)
-        if found is None or (found.all_free_joints and not len(found)):
+        if not found and (found is None or found.all_free_joints):
             rigid("target", target)  # raises with the reason
             found = branches_elsewhere(arm, plan, target, reference)
         return cls(arm, plan, target, reference, found)

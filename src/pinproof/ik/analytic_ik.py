@@ -22,7 +22,7 @@ from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge, nearest_winding
 from pinproof.ik.task import Task, TaskLike, make_task
 from pinproof.model import Arm
-from pinproof.spatial import SE3, Array, finite, rigid, rigid_many, rigid_matrix
+from pinproof.spatial import SE3, Array, finite, rigid, rigid_many
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 
@@ -102,8 +102,7 @@ class AnalyticIk:
             plan = self._plan(arm)
         reference = plan.home if q0 is None else _reference(arm, plan, q0)
         if isinstance(target, SE3):
-            copied = target.homogeneous  # a new array
-            target = copied if _core.is_rigid(copied) else rigid_matrix("target", target)
+            target = target.homogeneous  # a new array, which the core orthonormalises, or refuses if it is not rigid
         elif not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):

@@ -611,9 +611,14 @@ def test_random_pairs_separate_as_numpy_and_coal_find(request, name, seed):
         assert found.gap == pytest.approx(gaps.max(), abs=1e-9)
         (group,) = found.groups
         chosen = int(np.abs(tried - group.normal).sum(axis=1).argmin())
-        np.testing.assert_allclose(tried[chosen], group.normal, atol=1e-9)
-        assert group.level == pytest.approx(levels[chosen], abs=1e-9)
-        assert group.gap == pytest.approx(gaps[chosen], abs=1e-9)
+        # A distance that is exact to 1e-9 determines the normal of a round body to the root of that
+        measured_normal = len(tried) - 1 if not found.overlaps and other.support is not None else -1
+        np.testing.assert_allclose(tried[chosen], group.normal, atol=2e-4 if chosen == measured_normal else 1e-9)
+        along = group.normal[None]
+        level = along @ still[:3, 3] if other.support is None else reach_in(other, still, along)
+        assert group.level == pytest.approx(level[0], abs=1e-9)
+        assert group.gap == pytest.approx((-reach_in(body, at, -along) - level)[0], abs=1e-9)
+        assert group.gap == pytest.approx(gaps[chosen], abs=1e-8)
         assert group.gap >= min(gaps.max(), 0.0) - 2e-9
         # Until the end of the proof it does not approach; after `until`, coal finds them apart.
         curve, proof = Bezier(knots, control), group.proof

@@ -9,50 +9,33 @@ time.
 
 from pinproof.cell.allocation.allocate import allocate as allocate
 from pinproof.cell.allocation.allocation_result import (
-    AllocationResult as AllocationResult,
-    ArmTime as ArmTime,
-    OneArm as OneArm,
-    PartState as PartState,
-)
+    AllocationResult as AllocationResult, ArmTime as ArmTime, OneArm as OneArm, PartState as PartState,
+)  # fmt: skip
 from pinproof.cell.allocation.common_clock import (
-    ArmPiece as ArmPiece,
-    CommonInterval as CommonInterval,
-    Timing as Timing,
-)
+    ArmPiece as ArmPiece, CommonInterval as CommonInterval, Timing as Timing,
+)  # fmt: skip
 from pinproof.cell.comparison import (
-    CellComparison as CellComparison,
-    PickChange as PickChange,
-    PickDifference as PickDifference,
-    compare as compare,
-)
+    CellComparison as CellComparison, PickChange as PickChange, PickDifference as PickDifference, compare as compare,
+)  # fmt: skip
 from pinproof.cell.pages import read_heat_map as read_heat_map
 from pinproof.cell.placement.place_base import PlacementBudget as PlacementBudget, place_base as place_base
 from pinproof.cell.placement.placement_result import (
-    CertifiedPlacement as CertifiedPlacement,
-    PlacementMap as PlacementMap,
-    PlacementResult as PlacementResult,
+    CertifiedPlacement as CertifiedPlacement, PlacementMap as PlacementMap, PlacementResult as PlacementResult,
     PlacementSensitivity as PlacementSensitivity,
-)
+)  # fmt: skip
 from pinproof.cell.placement.region import (
-    Placement as Placement,
-    PlacementChoice as PlacementChoice,
-    PlacementRegion as PlacementRegion,
-)
+    Placement as Placement, PlacementChoice as PlacementChoice, PlacementRegion as PlacementRegion,
+)  # fmt: skip
 from pinproof.cell.sequencing.options import without_parts as without_parts
 from pinproof.cell.sequencing.precedence import Precedence as Precedence
 from pinproof.cell.sequencing.sequence import SequenceBudget as SequenceBudget, sequence as sequence
 from pinproof.cell.sequencing.sequence_result import (
-    LeftOut as LeftOut,
-    SequencePhase as SequencePhase,
-    SequenceResult as SequenceResult,
-    SequenceStep as SequenceStep,
-)
+    LeftOut as LeftOut, SequencePhase as SequencePhase, SequenceResult as SequenceResult, SequenceStep as SequenceStep,
+)  # fmt: skip
 from pinproof.cell.starting.new_cell import NewCell as NewCell, new_cell as new_cell
 from pinproof.cell.tolerance import (
-    PickTolerance as PickTolerance,
-    ToleranceStudy as ToleranceStudy,
-    tolerance_study as tolerance_study,
-)
+    PickTolerance as PickTolerance, ToleranceStudy as ToleranceStudy, tolerance_study as tolerance_study,
+)  # fmt: skip
 from pinproof.common import faces
 
 __all__ = faces.exported(globals())

@@ -158,8 +158,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[  # noqa: ARG001  # used by its callback
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit."),
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
     verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")] = False,
 ) -> None:

@@ -21,11 +21,7 @@ from pinproof.errors import InputError, MeshError
 
 
 def check(
-    robot: options.Robot,
-    q: options.Configuration = None,
-    *,
-    setup: options.SetupOptions,
-    as_json: options.Json = False,
+    robot: options.Robot, q: options.Configuration = None, *, setup: options.SetupOptions, as_json: options.Json = False
 ) -> None:
     """Check a configuration for joint limits and collisions.
 

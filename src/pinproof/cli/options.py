@@ -108,8 +108,7 @@ Seed = Annotated[int, typer.Option(help="Seed of the random number generator.", 
 Html = Annotated[Path | None, typer.Option("--html", help="Write the result as an HTML page.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Limits = Annotated[
-    Path | None,
-    typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
+    Path | None, typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml.")
 ]
 Place = Annotated[
     str,

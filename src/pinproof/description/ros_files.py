@@ -184,8 +184,7 @@ def expand_xacro(
         )
     except subprocess.TimeoutExpired as error:
         raise UrdfError(
-            path,
-            f"xacro did not finish within {time_limit:g} s; check for macros or expressions without termination",
+            path, f"xacro did not finish within {time_limit:g} s; check for macros or expressions without termination"
         ) from error
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

@@ -16,26 +16,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pinproof.common import structs as st
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import (
-    ANY_TEXT,
-    PLAIN_NUMBER,
-    Key,
-    Kind,
-    Misread,
-    Table,
-    choice,
-    described,
-    errors_of,
-    key,
-    list_of,
-    mapping_to,
-    required,
-    schema_version,
-    struct,
-    table_of,
-)
 from pinproof.common.validation import require_number
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.trajectory import Trajectory
@@ -61,14 +44,14 @@ PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_fro
 PROGRAM_SCHEMA = "pinproof/program/1"
 
 
-@described(eq=False)
+@st.described(eq=False)
 class ProgramSegment:
     """A motion between two events or certificates."""
 
-    name: str = key('the name, such as ``"transit"``')
-    start: float = key("from the start of the program to the start of this segment", "s")
-    trajectory: Trajectory = key("the motion; its own times start at 0")
-    certificate: str = key("the hash of the certificate's record, a key of :attr:`MotionProgram.certificates`")
+    name: str = st.key('the name, such as ``"transit"``')
+    start: float = st.key("from the start of the program to the start of this segment", "s")
+    trajectory: Trajectory = st.key("the motion; its own times start at 0")
+    certificate: str = st.key("the hash of the certificate's record, a key of :attr:`MotionProgram.certificates`")
 
     @property
     def end(self) -> float:
@@ -77,7 +60,7 @@ class ProgramSegment:
 
 
 # A time in seconds, which files state in nanoseconds.
-TIMED = Kind(
+TIMED = st.Kind(
     TIME,
     lambda name, value: require_number(name, value, "s", minimum=0.0),
     lambda name, stated, path: TIME.parse(name, stated, path) / NANO,
@@ -85,22 +68,22 @@ TIMED = Kind(
 )
 
 
-@struct("event")
+@st.struct("event")
 class ProgramEvent:
     """What happens while the arm rests at the end of a segment."""
 
-    kind: EventKind = key("what the gripper does")
-    time: float = key("time of the event from the start of the program", kind=TIMED)
-    dwell: float = key("how long the arm then rests", default=0.0, required=True, kind=TIMED)
-    object: str = key(
-        "object that is gripped or released; empty if the pick states none", default="", required=True, kind=ANY_TEXT
+    kind: EventKind = st.key("what the gripper does")
+    time: float = st.key("time of the event from the start of the program", kind=TIMED)
+    dwell: float = st.key("how long the arm then rests", default=0.0, required=True, kind=TIMED)
+    object: str = st.key(
+        "object that is gripped or released; empty if the pick states none", default="", required=True, kind=st.ANY_TEXT
     )
-    joints: Mapping[str, float] = key(
+    joints: Mapping[str, float] = st.key(
         "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
         "rad or m",
         default_factory=dict,
         required=True,
-        kind=mapping_to(PLAIN_NUMBER),
+        kind=st.mapping_to(st.PLAIN_NUMBER),
     )
 
     @property
@@ -109,7 +92,7 @@ class ProgramEvent:
         return (_clock(self.time) + _clock(self.dwell)) / NANO
 
 
-@described(eq=False)
+@st.described(eq=False)
 class MotionProgram(Shown):
     """Segments and events on one clock, which starts at 0.
 
@@ -120,18 +103,18 @@ class MotionProgram(Shown):
         the end of a segment, or a certificate is missing.
     """
 
-    name: str = key("the name of the program, such as the name of its pick")
-    segments: tuple[ProgramSegment, ...] = key(
+    name: str = st.key("the name of the program, such as the name of its pick")
+    segments: tuple[ProgramSegment, ...] = st.key(
         "the motions in order. Each starts where the previous one ends, and when the dwell time between them has passed"
     )
-    events: tuple[ProgramEvent, ...] = key("the events in order, each at the end of a segment")
-    certificates: Mapping[str, MotionRecord] = key(
+    events: tuple[ProgramEvent, ...] = st.key("the events in order, each at the end of a segment")
+    certificates: Mapping[str, MotionRecord] = st.key(
         "the records of the certificates by :func:`certificate_id`. Consecutive segments with the same certificate "
         "form one certified motion"
     )
-    robot: str = key("the robot; empty if it is not known", default="")
-    tcp: str = key("its tcp frame; empty if it is not known", default="")
-    member: str = key(
+    robot: str = st.key("the robot; empty if it is not known", default="")
+    tcp: str = st.key("its tcp frame; empty if it is not known", default="")
+    member: str = st.key(
         "the name of the grasp, if it is one of a part type, and how it differs from the nominal one "
         "(:attr:`pinproof.picks.PickVerdict.member`)",
         default="",
@@ -228,7 +211,7 @@ class MotionProgram(Shown):
         data = reader.json(read_text(source, TrajectoryError))
         if isinstance(data, dict) and data.get("schema", PROGRAM_SCHEMA) != PROGRAM_SCHEMA:
             reader.fail(f"is {data['schema']!r}; this version reads {PROGRAM_SCHEMA!r}", "schema")
-        with errors_of(source, TrajectoryError):
+        with st.errors_of(source, TrajectoryError):
             program: MotionProgram = PROGRAM.parse("the file", data, source)
             with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest double; never certified
                 changed = program.changed
@@ -282,9 +265,9 @@ def _clock(seconds: float) -> int:
     return round(seconds * NANO)
 
 
-def _time(name: str, text: str) -> Key:
+def _time(name: str, text: str) -> st.Key:
     """A key with a time in seconds of a program, which files state in nanoseconds from its start."""
-    return required(name, CLOCK, text, get=lambda timed: _clock(getattr(timed, name)))
+    return st.required(name, CLOCK, text, get=lambda timed: _clock(getattr(timed, name)))
 
 
 def _program(
@@ -309,100 +292,102 @@ def _program(
             for k, row in enumerate(columns[-1]):
                 if len(row) != len(joint_names) and kind in points[k]:
                     reason = f"must be a list of {len(joint_names)} numbers, one per joint; it has {len(row)}"
-                    raise Misread(reason, (".segments", number, ".points", k, f".{kind}"))
+                    raise st.Misread(reason, (".segments", number, ".points", k, f".{kind}"))
         for k, point in enumerate(points):
             if ("accelerations" in point) is not quintic:
                 reason = "accelerations are required in a quintic program and refused in a cubic one"
-                raise Misread(reason, (".segments", number, ".points", k))
+                raise st.Misread(reason, (".segments", number, ".points", k))
         if points[0]["time"] != start:
-            raise Misread("is not the start of the segment", (".segments", number, ".points", 0, ".time"))
+            raise st.Misread("is not the start of the segment", (".segments", number, ".points", 0, ".time"))
         times = np.array([point["time"] - start for point in points]) / NANO
         q, velocities, *rest = columns
         try:
             motion = Trajectory(times, q, velocities, joint_names, limits_note, accelerations=rest[0] if rest else None)
         except InputError as error:
-            raise Misread(str(error), (".segments", number)) from error
+            raise st.Misread(str(error), (".segments", number)) from error
         made.append(ProgramSegment(segment["name"], start / NANO, motion, segment["certificate"]))
         if segment["end"] != _clock(made[-1].end):
-            raise Misread("is not the time of the last point", (".segments", number, ".end"))
+            raise st.Misread("is not the time of the last point", (".segments", number, ".end"))
     program = MotionProgram(segments=tuple(made), **stated)
     if duration != _clock(program.duration):
-        raise Misread("is not the end of the segments and events", (".duration",))
+        raise st.Misread("is not the end of the segments and events", (".duration",))
     return program
 
 
-PROGRAM_POINT = Table(
+PROGRAM_POINT = st.Table(
     "program_point",
     "The state of all joints at one time.",
-    required("time", CLOCK, "time from the start of the program; strictly increasing"),
+    st.required("time", CLOCK, "time from the start of the program; strictly increasing"),
     *STATE_KEYS,
-    Key(
+    st.Key(
         "accelerations",
-        list_of(PLAIN_NUMBER, 1),
+        st.list_of(st.PLAIN_NUMBER, 1),
         "one for each joint; required in quintic programs, refused in cubic ones",
         "rad/s² or m/s²",
     ),
 )
 
 # The keys of a segment before its points, which are written one per line.
-SEGMENT_HEAD = Table(
+SEGMENT_HEAD = st.Table(
     "segment",
     "A motion between two events or certificates. The arm rests at events; at other ends it may move, with the "
     "velocity of the next segment.",
-    required("name", ANY_TEXT, "name, such as `transit`"),
-    required("certificate", ANY_TEXT, "hash that names the certificate under `certificates`"),
+    st.required("name", st.ANY_TEXT, "name, such as `transit`"),
+    st.required("certificate", st.ANY_TEXT, "hash that names the certificate under `certificates`"),
     _time("start", "time of the first point: the end of the previous segment and of the dwell time after it"),
     _time("end", "time of the last point"),
 )
 
-SEGMENT = Table(
+SEGMENT = st.Table(
     SEGMENT_HEAD.title,
     SEGMENT_HEAD.text,
     *SEGMENT_HEAD.keys,
-    required("points", list_of(PROGRAM_POINT, 1), "the points in the order of time"),
+    st.required("points", st.list_of(PROGRAM_POINT, 1), "the points in the order of time"),
 )
 
 # The keys of a program before its segments.
-PROGRAM_HEAD = Table(
+PROGRAM_HEAD = st.Table(
     "program",
     "A motion program: certified segments with events, on one clock.",
-    schema_version(PROGRAM_SCHEMA),
-    required("name", ANY_TEXT, "name of the program, such as the name of its pick"),
-    required("robot", ANY_TEXT, "the robot; empty if it is not known"),
-    required("tcp", ANY_TEXT, "the tcp frame; empty if it is not known"),
-    required("member", ANY_TEXT, "the grasp of the part and how it differs from the nominal one; empty if it does not"),
-    required(
+    st.schema_version(PROGRAM_SCHEMA),
+    st.required("name", st.ANY_TEXT, "name of the program, such as the name of its pick"),
+    st.required("robot", st.ANY_TEXT, "the robot; empty if it is not known"),
+    st.required("tcp", st.ANY_TEXT, "the tcp frame; empty if it is not known"),
+    st.required(
+        "member", st.ANY_TEXT, "the grasp of the part and how it differs from the nominal one; empty if it does not"
+    ),
+    st.required(
         "units",
-        choice(PROGRAM_UNITS),
+        st.choice(PROGRAM_UNITS),
         "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in PROGRAM_UNITS.items()),
         get=lambda _: PROGRAM_UNITS,
     ),
-    required(
+    st.required(
         "interpolant",
-        choice(*INTERPOLANTS.values()),
+        st.choice(*INTERPOLANTS.values()),
         "the curve between points",
         get=lambda program: INTERPOLANTS[program.segments[0].trajectory.interpolant],
     ),
-    required(
+    st.required(
         "limits_note",
-        ANY_TEXT,
+        st.ANY_TEXT,
         "where the limits of the timing come from",
         get=lambda program: program.segments[0].trajectory.limits_note,
     ),
-    required("joint_names", list_of(ANY_TEXT, 1), "names of the joints"),
+    st.required("joint_names", st.list_of(st.ANY_TEXT, 1), "names of the joints"),
     _time("duration", "time of the end of the program, with all dwell times"),
-    required("events", list_of(table_of(ProgramEvent)), "the events in the order of time"),
-    required(
+    st.required("events", st.list_of(st.table_of(ProgramEvent)), "the events in the order of time"),
+    st.required(
         "certificates",
-        mapping_to(table_of(MotionRecord)),
+        st.mapping_to(st.table_of(MotionRecord)),
         "the records of the certificates by their hash (SHA-256, hexadecimal)",
     ),
 )
 
-PROGRAM = Table(
+PROGRAM = st.Table(
     PROGRAM_HEAD.title,
     PROGRAM_HEAD.text,
     *PROGRAM_HEAD.keys,
-    required("segments", list_of(SEGMENT, 1), "the motions in order"),
+    st.required("segments", st.list_of(SEGMENT, 1), "the motions in order"),
     make=_program,
 )

@@ -2,20 +2,13 @@
 
 from pinproof.common import faces
 from pinproof.work.executors import (
-    IN_FLIGHT as IN_FLIGHT,
-    LocalWorkers as LocalWorkers,
-    Outcome as Outcome,
-    Workers as Workers,
+    IN_FLIGHT as IN_FLIGHT, LocalWorkers as LocalWorkers, Outcome as Outcome, Workers as Workers,
     do_chunks as do_chunks,
-)
+)  # fmt: skip
 from pinproof.work.journal import (
-    JOURNAL as JOURNAL,
-    Checksums as Checksums,
-    Journal as Journal,
-    ranges_missing as ranges_missing,
-    refuse_foreign as refuse_foreign,
-    to_line as to_line,
-)
+    JOURNAL as JOURNAL, Checksums as Checksums, Journal as Journal, ranges_missing as ranges_missing,
+    refuse_foreign as refuse_foreign, to_line as to_line,
+)  # fmt: skip
 from pinproof.work.runner import Progress as Progress, Runner as Runner
 
 __all__ = faces.exported(globals())

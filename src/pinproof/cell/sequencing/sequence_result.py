@@ -12,24 +12,9 @@ from pathlib import Path
 from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.collision import Certificate, Scene, proven_millimetres
+from pinproof.common import structs as st
 from pinproof.common.files import csv_text
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
-from pinproof.common.structs import (
-    INTEGER,
-    NOT_NEGATIVE,
-    OPTIONAL_NUMBER,
-    PLAIN_NUMBER,
-    TEXT,
-    choice,
-    key,
-    list_of,
-    mapping_to,
-    optional,
-    report_table,
-    reported,
-    required,
-    struct,
-)
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
 from pinproof.motion import Bounds, MotionProgram, least_times
@@ -43,38 +28,38 @@ PHASES = (*CHANGE, "transit", "approach", "grip", "retreat", "transfer", "place"
 """The phases of a step in order: motions, the change of the tool, and the dwell times grip and release."""
 
 
-@struct("left_out", written=True)
+@st.struct("left_out", written=True)
 class LeftOut:
     """A pick that is not part of the sequence."""
 
-    name: str = key("name of the pick", kind=TEXT)
-    reason: str = key("why it cannot be executed", kind=TEXT)
+    name: str = st.key("name of the pick", kind=st.TEXT)
+    reason: str = st.key("why it cannot be executed", kind=st.TEXT)
 
 
-@struct("sequence_phase", written=True)
+@st.struct("sequence_phase", written=True)
 class SequencePhase:
     """A motion or a dwell time."""
 
-    name: str = key(
+    name: str = st.key(
         f"one of {', '.join(f'`{name}`' for name in PHASES)}; `change` of the tool, `grip` and `release` are "
         "dwell times",
-        kind=choice(*PHASES),
+        kind=st.choice(*PHASES),
     )
-    start: float = key("from the start of the sequence", "s", minimum=0)
-    duration: float = key("duration", "s", minimum=0)
-    motion: PickMotion | None = key("the certified motion; None for a dwell time", hidden=True)
+    start: float = st.key("from the start of the sequence", "s", minimum=0)
+    duration: float = st.key("duration", "s", minimum=0)
+    motion: PickMotion | None = st.key("the certified motion; None for a dwell time", hidden=True)
 
     @property
     def certificate(self) -> Certificate | None:
         """The certificate of a motion; None for a dwell time."""
         return None if self.motion is None else self.motion.certificate
 
-    @reported("m", kind=OPTIONAL_NUMBER)
+    @st.reported("m", kind=st.OPTIONAL_NUMBER)
     def clearance_proven(self) -> float | None:
         """Proven lower bound of every distance; null for a dwell time."""
         return None if self.certificate is None else self.certificate.clearance
 
-    @reported(kind=optional(INTEGER))
+    @st.reported(kind=st.optional(st.INTEGER))
     def pairs_proven(self) -> int | None:
         """Pairs of bodies proven; null for a dwell time."""
         return None if self.certificate is None else self.certificate.pairs
@@ -87,7 +72,7 @@ STRAIGHT = ("approach", "retreat", "place", "leave")
 """The motions along straight lines, which cannot be shorter than the line permits."""
 
 
-@struct(
+@st.struct(
     "sequence_step",
     first=("name", "start", "duration", "shortest", "limited_by", "member", "grasp", "tool", "q_grasp", "phases"),
     written=True,
@@ -96,25 +81,25 @@ STRAIGHT = ("approach", "retreat", "place", "leave")
 class SequenceStep:
     """One pick of the sequence."""
 
-    pick: Pick = key("the pick as given", hidden=True)
-    verdict: PickVerdict = key(
+    pick: Pick = st.key("the pick as given", hidden=True)
+    verdict: PickVerdict = st.key(
         "the verdict with the certified motions; its pick has its poses in the root frame. The first motion is the "
         "transit from the end of the step before",
         hidden=True,
     )
-    scene: Scene = key("the scene before the step. The motions have their own scenes", hidden=True)
-    start: float = key("from the start of the sequence", "s", minimum=0)
-    bounds: Bounds = key("the limits for which the motions are timed", hidden=True)
-    grip_dwell: float = key("the rest at the grasp", "s", default=0.0, hidden=True)
-    release_dwell: float = key("the rest at the release", "s", default=0.0, hidden=True)
-    tool_change: float = key("the change of the tool at home, if it is changed", "s", default=0.0, hidden=True)
+    scene: Scene = st.key("the scene before the step. The motions have their own scenes", hidden=True)
+    start: float = st.key("from the start of the sequence", "s", minimum=0)
+    bounds: Bounds = st.key("the limits for which the motions are timed", hidden=True)
+    grip_dwell: float = st.key("the rest at the grasp", "s", default=0.0, hidden=True)
+    release_dwell: float = st.key("the rest at the release", "s", default=0.0, hidden=True)
+    tool_change: float = st.key("the change of the tool at home, if it is changed", "s", default=0.0, hidden=True)
 
-    @reported(kind=TEXT)
+    @st.reported(kind=st.TEXT)
     def name(self) -> str:
         """Name of the pick."""
         return self.pick.name
 
-    @reported()
+    @st.reported()
     def phases(self) -> tuple[SequencePhase, ...]:
         """The motions and dwell times in order."""
         return self._phases
@@ -145,7 +130,7 @@ class SequenceStep:
         """Seconds from the start of the sequence to the end of the step."""
         return self.phases[-1].start + self.phases[-1].duration
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def duration(self) -> float:
         """Transit, all motions and dwell times."""
         return self.end - self.start
@@ -155,33 +140,33 @@ class SequenceStep:
         """Seconds by phase, of those that occur."""
         return _by_phase(self.phases)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def shortest(self) -> float:
         """Lower bound of the duration, without obstacles."""
         dwell = sum(phase.duration for phase in self.phases if phase.motion is None)
         return dwell + sum(least for _, least, _ in self._limits)
 
-    @reported()
+    @st.reported()
     def limited_by(self) -> str:
         """What limits its longest motion: a joint, a torque, a detour around obstacles, or the speed of the tool."""
         return max((duration, limit) for duration, _, limit in self._limits)[1]
 
-    @reported()
+    @st.reported()
     def member(self) -> str:
         """How the grasp differs from the nominal one."""
         return self.verdict.member
 
-    @reported(kind=optional(TEXT))
+    @st.reported(kind=st.optional(st.TEXT))
     def grasp(self) -> str | None:
         """The grasp of its part; null for a pick with a pose of its own."""
         return self.verdict.grasp
 
-    @reported(kind=optional(TEXT))
+    @st.reported(kind=st.optional(st.TEXT))
     def tool(self) -> str | None:
         """The tool; null if the picks have no tools."""
         return self.verdict.tool
 
-    @reported("rad or m", kind=list_of(PLAIN_NUMBER))
+    @st.reported("rad or m", kind=st.list_of(st.PLAIN_NUMBER))
     def q_grasp(self) -> Sequence[float]:
         """Configuration at the grasp."""
         return () if self.verdict.q_grasp is None else self.verdict.q_grasp.tolist()
@@ -222,12 +207,12 @@ class SequenceStep:
         return self.verdict.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
 
 
-PRECEDENCE = report_table(
+PRECEDENCE = st.report_table(
     "precedence",
     "A pair of picks in a fixed order.",
-    required("before", TEXT, "name of the pick that is executed first", get=itemgetter(0)),
-    required("after", TEXT, "name of the other pick", get=itemgetter(1)),
-    required("reason", TEXT, "`stated`, or what geometry demands", get=itemgetter(2)),
+    st.required("before", st.TEXT, "name of the pick that is executed first", get=itemgetter(0)),
+    st.required("after", st.TEXT, "name of the other pick", get=itemgetter(1)),
+    st.required("reason", st.TEXT, "`stated`, or what geometry demands", get=itemgetter(2)),
 )
 
 COLUMNS = ("position", "pick", "start", "duration", *PHASES, "shortest", "clearance_proven", "limited_by", "left_out")
@@ -237,7 +222,7 @@ SLOWEST, SHOWN = 3, 20
 """Largest numbers of slowest picks and of all picks that the text names."""
 
 
-@struct(
+@st.struct(
     "sequence",
     first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
            "lower_bound", "gap", "file_order", "nearest_neighbour", "tool_changes", "parts_per_minute",
@@ -252,26 +237,26 @@ class SequenceResult(Answer, Saved, Written):
     formats = (".json", ".csv", ".md", ".html")
     indent = 2
 
-    setup: PickSetup = key("the cell before the sequence", hidden=True)
-    steps: tuple[SequenceStep, ...] = key("the picks in order, with certified motions")
-    closing: PickMotion | None = key("the motion to the end; None if the end is free", hidden=True)
-    left_out: tuple[LeftOut, ...] = key("picks that cannot be executed")
-    precedence: Precedence = key("the pairs of picks in a fixed order, stated or demanded by geometry", hidden=True)
-    lower_bound: float = key(
+    setup: PickSetup = st.key("the cell before the sequence", hidden=True)
+    steps: tuple[SequenceStep, ...] = st.key("the picks in order, with certified motions")
+    closing: PickMotion | None = st.key("the motion to the end; None if the end is free", hidden=True)
+    left_out: tuple[LeftOut, ...] = st.key("picks that cannot be executed")
+    precedence: Precedence = st.key("the pairs of picks in a fixed order, stated or demanded by geometry", hidden=True)
+    lower_bound: float = st.key(
         "lower bound of the time of all motions: no sequence of these picks with the grasps and IK branches considered "
         "takes less, for motions that rest between their parts. Changes of the tool are included",
         "s",
-        kind=OPTIONAL_NUMBER,
+        kind=st.OPTIONAL_NUMBER,
     )
-    file_order: float = key(
+    file_order: float = st.key(
         "lower bound of the time of all motions in the given order, changed where it violates the precedence, with the "
         "best grasps and IK branches",
         "s",
-        kind=OPTIONAL_NUMBER,
+        kind=st.OPTIONAL_NUMBER,
     )
-    nearest_neighbour: float = key("the same in the order of the nearest neighbour", "s", kind=OPTIONAL_NUMBER)
-    wanted: int = key("number of picks that can be executed", hidden=True)
-    interrupted: bool = key("whether the search was interrupted", default=False)
+    nearest_neighbour: float = st.key("the same in the order of the nearest neighbour", "s", kind=st.OPTIONAL_NUMBER)
+    wanted: int = st.key("number of picks that can be executed", hidden=True)
+    interrupted: bool = st.key("whether the search was interrupted", default=False)
 
     def _view(self) -> View:
         rows: list[tuple[object, ...]] = []
@@ -306,7 +291,7 @@ class SequenceResult(Answer, Saved, Written):
     def __iter__(self) -> Iterator[SequenceStep]:
         return iter(self.steps)
 
-    @reported()
+    @st.reported()
     def ok(self) -> bool:
         """Whether every pick is part of the sequence, and every motion is certified."""
         return self.complete and not self.left_out
@@ -321,7 +306,7 @@ class SequenceResult(Answer, Saved, Written):
         """The names of the picks in order."""
         return tuple(step.pick.name for step in self.steps)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def duration(self) -> float:
         """All motions and dwell times."""
         return (self.steps[-1].end if self.steps else 0.0) + self.closing_time
@@ -331,27 +316,27 @@ class SequenceResult(Answer, Saved, Written):
         """Seconds of all dwell times."""
         return sum(phase.duration for step in self.steps for phase in step.phases if phase.name in ("grip", "release"))
 
-    @reported(kind=INTEGER)
+    @st.reported(kind=st.INTEGER)
     def tool_changes(self) -> int:
         """Number of changes of the tool."""
         return sum(phase.name == "return" for step in self.steps for phase in step.phases)
 
-    @reported("s", minimum=0)
+    @st.reported("s", minimum=0)
     def moving(self) -> float:
         """All motions, with the changes of the tool."""
         return self.duration - self.dwell
 
-    @reported(kind=OPTIONAL_NUMBER)
+    @st.reported(kind=st.OPTIONAL_NUMBER)
     def gap(self) -> float:
         """``moving`` divided by ``lower_bound``, minus 1."""
         return self.moving / self.lower_bound - 1.0 if self.lower_bound > 0 else float("nan")
 
-    @reported(kind=OPTIONAL_NUMBER)
+    @st.reported(kind=st.OPTIONAL_NUMBER)
     def parts_per_minute(self) -> float:
         """Number of picks in a minute."""
         return 60.0 * len(self.steps) / self.duration if self.duration > 0 else float("nan")
 
-    @reported("m", name="clearance_proven", kind=OPTIONAL_NUMBER)
+    @st.reported("m", name="clearance_proven", kind=st.OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance of all motions."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
@@ -362,7 +347,7 @@ class SequenceResult(Answer, Saved, Written):
         closing = () if self.closing is None else (self.closing,)
         return (*(motion for step in self.steps for motion in step.verdict.motions), *closing)
 
-    @reported(name="summary")
+    @st.reported(name="summary")
     def message(self) -> str:
         """The result in one line."""
         if not self.steps:
@@ -378,17 +363,17 @@ class SequenceResult(Answer, Saved, Written):
             f"motions {100 * self.gap:.1f} % above the lower bound{left}"
         )
 
-    @reported()
+    @st.reported()
     def robot(self) -> str:
         """Name of the robot."""
         return self.setup.checker.arm.robot.name
 
-    @reported()
+    @st.reported()
     def acceleration_source(self) -> str:
         """Source of the acceleration limits."""
         return self.setup.checker.arm.limits.acceleration_source
 
-    @reported()
+    @st.reported()
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover."""
         notes = self.setup.not_covered({step.pick.carried is not None for step in self.steps})
@@ -405,7 +390,7 @@ class SequenceResult(Answer, Saved, Written):
             notes = (*notes, f"{change}, not during it")
         return notes
 
-    @reported("s", kind=mapping_to(NOT_NEGATIVE))
+    @st.reported("s", kind=st.mapping_to(st.NOT_NEGATIVE))
     def by_phase(self) -> dict[str, float]:
         """Time of all picks by phase, in the order of the phases; the closing motion counts as transit."""
         closing = () if self.closing is None else (SequencePhase("transit", 0.0, self.closing_time, self.closing),)
@@ -421,12 +406,12 @@ class SequenceResult(Answer, Saved, Written):
         """The picks with the longest durations, the slowest first."""
         return tuple(sorted(self.steps, key=lambda step: -step.duration)[:count])
 
-    @reported(name="precedence", kind=list_of(PRECEDENCE))
+    @st.reported(name="precedence", kind=st.list_of(PRECEDENCE))
     def ordered_pairs(self) -> list[tuple[str, str, str]]:
         """Pairs of picks in a fixed order."""
         return self.precedence.rows
 
-    @reported("s", name="closing", minimum=0)
+    @st.reported("s", name="closing", minimum=0)
     def closing_time(self) -> float:
         """The motion to the end."""
         return 0.0 if self.closing is None else self.closing.trajectory.duration
@@ -436,7 +421,7 @@ class SequenceResult(Answer, Saved, Written):
         rows: list[tuple[object, ...]] = []
         for number, step in enumerate(self.steps, start=1):
             phases = (step.by_phase.get(name, "") for name in PHASES)
-            limits = step.shortest, OPTIONAL_NUMBER.write(step.verdict.clearance), step.limited_by
+            limits = step.shortest, st.OPTIONAL_NUMBER.write(step.verdict.clearance), step.limited_by
             rows.append((number, step.name, step.start, step.duration, *phases, *limits, ""))
         blank = [""] * (len(COLUMNS) - 3)
         return csv_text(COLUMNS, [*rows, *(("", pick.name, *blank, pick.reason) for pick in self.left_out)])

@@ -33,27 +33,8 @@ from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.collision.checking.spec import content_hash
 from pinproof.collision.geometry.bodies import Body
 from pinproof.collision.geometry.shapes import Mesh
+from pinproof.common import structs as st
 from pinproof.common.files import write_bytes_whole
-from pinproof.common.structs import (
-    ANY_TEXT,
-    BOOLEAN,
-    COUNT,
-    NOT_NEGATIVE,
-    NULL,
-    OPTIONAL_NUMBER,
-    PLAIN_NUMBER,
-    TEXT,
-    Key,
-    Table,
-    any_of,
-    choice,
-    integer,
-    list_of,
-    mapping_to,
-    required,
-    simple,
-    vector,
-)
 from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import JointGroup, JointLimits, joint_axis
 from pinproof.motion import Curve, LimitCheck, TimedCurve
@@ -71,203 +52,216 @@ from pinproof.verifier import (
     verify,
 )
 
-HASH = simple({"type": "string", "pattern": "^[0-9a-f]{64}$"})
-JOINT = integer(-1)
-VECTOR = vector(3, PLAIN_NUMBER)
-PLACEMENT = list_of(vector(4, PLAIN_NUMBER), 3, 3)
+HASH = st.simple({"type": "string", "pattern": "^[0-9a-f]{64}$"})
+JOINT = st.integer(-1)
+VECTOR = st.vector(3, st.PLAIN_NUMBER)
+PLACEMENT = st.list_of(st.vector(4, st.PLAIN_NUMBER), 3, 3)
 
-CLAIM = Table(
+CLAIM = st.Table(
     "claim",
     "What the proof states.",
-    required("status", choice("FREE"), "the status of the certificate"),
-    required(
-        "clearance", OPTIONAL_NUMBER, "any two checked bodies are at least this far apart; null without pairs", "m"
+    st.required("status", st.choice("FREE"), "the status of the certificate"),
+    st.required(
+        "clearance", st.OPTIONAL_NUMBER, "any two checked bodies are at least this far apart; null without pairs", "m"
     ),
 )
 
-SETTINGS = Table(
+SETTINGS = st.Table(
     "settings",
     "The distances and tolerances that the proof includes.",
-    required("margin", NOT_NEGATIVE, "required distance between any two owners", "m"),
-    required(
+    st.required("margin", st.NOT_NEGATIVE, "required distance between any two owners", "m"),
+    st.required(
         "margins",
-        list_of(simple({"type": "array", "prefixItems": [TEXT, TEXT, NOT_NEGATIVE], "minItems": 3, "maxItems": 3})),
+        st.list_of(
+            st.simple(
+                {"type": "array", "prefixItems": [st.TEXT, st.TEXT, st.NOT_NEGATIVE], "minItems": 3, "maxItems": 3}
+            )
+        ),
         "distances of single pairs: owner, owner, metres",
         "m",
     ),
-    required("joint_tolerance", list_of(NOT_NEGATIVE), "deviation of each joint of the curve", "rad or m"),
-    required("obstacle_tolerance", NOT_NEGATIVE, "deviation of obstacles", "m"),
+    st.required("joint_tolerance", st.list_of(st.NOT_NEGATIVE), "deviation of each joint of the curve", "rad or m"),
+    st.required("obstacle_tolerance", st.NOT_NEGATIVE, "deviation of obstacles", "m"),
 )
 
-HASHES = Table(
+HASHES = st.Table(
     "hashes",
     "SHA-256 hashes; only that of the curve is checked.",
-    Key("model", HASH, "of the kinematics of the URDF as text"),
-    Key("scene", HASH, "of the obstacles"),
-    required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
-    Key("setup", HASH, "of the arm, the scene and the attached bodies"),
+    st.Key("model", HASH, "of the kinematics of the URDF as text"),
+    st.Key("scene", HASH, "of the obstacles"),
+    st.required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
+    st.Key("setup", HASH, "of the arm, the scene and the attached bodies"),
     more=True,
 )
 
-ARM = Table(
-    "arm", "An arm.", Key("base", ANY_TEXT, "base link of the arm"), Key("tcp", ANY_TEXT, "tcp frame of the arm")
+ARM = st.Table(
+    "arm",
+    "An arm.",
+    st.Key("base", st.ANY_TEXT, "base link of the arm"),
+    st.Key("tcp", st.ANY_TEXT, "tcp frame of the arm"),
 )
 
-ROBOT = Table(
+ROBOT = st.Table(
     "robot",
     "The robot, for readers; it is not checked, because the placements contain it.",
-    Key("name", ANY_TEXT, "name of the robot"),
-    Key("arms", mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
-    Key("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
+    st.Key("name", st.ANY_TEXT, "name of the robot"),
+    st.Key("arms", st.mapping_to(ARM), "the arms by name; an arm alone has the name of its tcp"),
+    st.Key("held", st.mapping_to(st.PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
     more=True,
 )
 
-CURVE = Table(
+CURVE = st.Table(
     "curve",
     "The motion as a piecewise polynomial in Bernstein form. A single configuration is one piece of no width.",
-    required("joint_names", list_of(TEXT, 1), "the n joints"),
-    required("knots", list_of(PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"),
-    required(
+    st.required("joint_names", st.list_of(st.TEXT, 1), "the n joints"),
+    st.required(
+        "knots", st.list_of(st.PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"
+    ),
+    st.required(
         "control",
-        list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
+        st.list_of(st.list_of(st.list_of(st.PLAIN_NUMBER, 1), 1), 1),
         "(k, degree + 1, n) control points of each piece",
         "rad or m",
     ),
 )
 
-PROOF_LIMITS = Table(
+PROOF_LIMITS = st.Table(
     "proof_limits",
     "The limits that each joint of the curve keeps, except for 1e-6 (rad or m; of rates relative); null for no limit.",
-    required("lower", list_of(OPTIONAL_NUMBER), "lower limit of the position", "rad or m"),
-    required("upper", list_of(OPTIONAL_NUMBER), "upper limit of the position", "rad or m"),
-    required("velocity", list_of(OPTIONAL_NUMBER), "limit of the speed", "rad/s or m/s"),
-    required("acceleration", list_of(OPTIONAL_NUMBER), "limit of the acceleration", "rad/s² or m/s²"),
+    st.required("lower", st.list_of(st.OPTIONAL_NUMBER), "lower limit of the position", "rad or m"),
+    st.required("upper", st.list_of(st.OPTIONAL_NUMBER), "upper limit of the position", "rad or m"),
+    st.required("velocity", st.list_of(st.OPTIONAL_NUMBER), "limit of the speed", "rad/s or m/s"),
+    st.required("acceleration", st.list_of(st.OPTIONAL_NUMBER), "limit of the acceleration", "rad/s² or m/s²"),
 )
 
-PROOF_JOINT = Table(
+PROOF_JOINT = st.Table(
     "joint",
     "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
     "of the joint that it follows.",
-    required("name", TEXT, "name of the joint"),
-    required("type", choice("revolute", "prismatic"), "type of the joint"),
-    required("axis", VECTOR, "unit vector in the frame of the joint"),
-    required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
-    required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
-    required("leader", COUNT, "index of the joint of the curve that determines the value"),
-    required("multiplier", PLAIN_NUMBER, "factor of the value of the leader"),
-    required("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
+    st.required("name", st.TEXT, "name of the joint"),
+    st.required("type", st.choice("revolute", "prismatic"), "type of the joint"),
+    st.required("axis", VECTOR, "unit vector in the frame of the joint"),
+    st.required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
+    st.required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
+    st.required("leader", st.COUNT, "index of the joint of the curve that determines the value"),
+    st.required("multiplier", st.PLAIN_NUMBER, "factor of the value of the leader"),
+    st.required("offset", st.PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
 )
 
-SHAPE = Table(
+SHAPE = st.Table(
     "convex_shape",
     "The convex hull of points, each with a flat disc about the body's z, grown by a ball and by an ellipsoid: boxes "
     "and hulls (points), spheres (one point), capsules (two points), cylinders (two discs), cones (a disc and a "
     "point), ellipsoids.",
-    required("points", list_of(VECTOR, 1), "(V, 3) the points", "m"),
-    required("disc_radii", list_of(NOT_NEGATIVE, 1), "(V,) radius of the disc of each point", "m"),
-    required("radius", NOT_NEGATIVE, "radius of the ball", "m"),
-    required("semi_axes", vector(3, NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
+    st.required("points", st.list_of(VECTOR, 1), "(V, 3) the points", "m"),
+    st.required("disc_radii", st.list_of(st.NOT_NEGATIVE, 1), "(V,) radius of the disc of each point", "m"),
+    st.required("radius", st.NOT_NEGATIVE, "radius of the ball", "m"),
+    st.required("semi_axes", st.vector(3, st.NOT_NEGATIVE), "semi-axes of the ellipsoid", "m"),
 )
 
-TRIANGLES = Table(
+TRIANGLES = st.Table(
     "triangles",
     "Triangles. Their order is free; the makers of proofs order them so that ranges of them are close together.",
-    required("vertices", list_of(VECTOR, 1), "(V, 3) the corners of triangles", "m"),
-    required("triangles", list_of(list_of(COUNT, 3, 3), 1), "(F, 3) indices of the three corners of each"),
-    required(
+    st.required("vertices", st.list_of(VECTOR, 1), "(V, 3) the corners of triangles", "m"),
+    st.required("triangles", st.list_of(st.list_of(st.COUNT, 3, 3), 1), "(F, 3) indices of the three corners of each"),
+    st.required(
         "solid",
-        BOOLEAN,
+        st.BOOLEAN,
         "whether the points about which the triangles wind belong to the body; then they must enclose a volume",
     ),
 )
 
-PROOF_BODY = Table(
+PROOF_BODY = st.Table(
     "body",
     "A convex body, or a mesh. All bodies of a geometry on one level represent it: one hull, or several closer ones. A "
     "pair may be proven on any level.",
-    required("name", TEXT, "unique in the file"),
-    required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
-    required("kind", choice("link", "attached", "obstacle"), "kind of the owner"),
-    required("geometry", TEXT, "the geometry that it represents, with the other bodies of this name"),
-    required("level", COUNT, "level of detail, 0 to 2"),
-    Key("source", TEXT, "kind and file of the geometry; not checked"),
-    Key("mesh_sha256", HASH, "hash of the mesh file; not checked"),
-    required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
-    required("placement", PLACEMENT, "joint_from_body", "m"),
-    required(
+    st.required("name", st.TEXT, "unique in the file"),
+    st.required("owner", st.TEXT, "the link, attached object or obstacle that it is part of"),
+    st.required("kind", st.choice("link", "attached", "obstacle"), "kind of the owner"),
+    st.required("geometry", st.TEXT, "the geometry that it represents, with the other bodies of this name"),
+    st.required("level", st.COUNT, "level of detail, 0 to 2"),
+    st.Key("source", st.TEXT, "kind and file of the geometry; not checked"),
+    st.Key("mesh_sha256", HASH, "hash of the mesh file; not checked"),
+    st.required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
+    st.required("placement", PLACEMENT, "joint_from_body", "m"),
+    st.required(
         "shape",
-        any_of(SHAPE, TRIANGLES, choice("half_space"), NULL),
+        st.any_of(SHAPE, TRIANGLES, st.choice("half_space"), st.NULL),
         "a convex shape; a mesh; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
     ),
-    required("sha256", HASH, "hash of the numbers of the body, see below"),
+    st.required("sha256", HASH, "hash of the numbers of the body, see below"),
 )
 
-PAIR = Table(
+PAIR = st.Table(
     "pair",
     "The evidence for one pair of bodies: on each interval a direction along which they are apart. A mesh is apart in "
     "parts, each a range of its triangles.",
-    required("bodies", list_of(COUNT, 2, 2), "indices of the two bodies, an obstacle second"),
-    required("intervals", list_of(COUNT), "indices of intervals, which together cover the curve"),
-    Key(
+    st.required("bodies", st.list_of(st.COUNT, 2, 2), "indices of the two bodies, an obstacle second"),
+    st.required("intervals", st.list_of(st.COUNT), "indices of intervals, which together cover the curve"),
+    st.Key(
         "parts",
-        list_of(list_of(COUNT, 2, 4)),
+        st.list_of(st.list_of(st.COUNT, 2, 4)),
         "with one mesh or two: for each interval the first triangle of the part of each mesh, and the one after its "
         "last; at every parameter of the curve the parts together are all pairs of triangles",
     ),
-    required(
+    st.required(
         "directions",
-        list_of(VECTOR),
+        st.list_of(VECTOR),
         "a unit vector for each interval, in the frame of the root link, from the first body to the second",
     ),
 )
 
-CORNER = list_of(OPTIONAL_NUMBER, 3, 3)
+CORNER = st.list_of(st.OPTIONAL_NUMBER, 3, 3)
 
-CONSTRAINT = Table(
+CONSTRAINT = st.Table(
     "constraint",
     "A constraint of the tcp, which holds on the whole curve. `direction`: the angle between `axis` and `direction`. "
     "`region`: the distance of `point` from a box. `target`: the angle between `axis` and the direction from `origin` "
     "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in that of `reference`.",
-    required("name", TEXT, "description for readers"),
-    required("kind", choice("direction", "region", "target"), "kind of the constraint"),
-    required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
-    Key("reference", JOINT, "index of the joint that carries the tcp of another arm; -1 for the root", "", -1),
-    Key("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
-    Key("direction", VECTOR, "`direction`: unit vector in the frame of the reference"),
-    Key("origin", VECTOR, "`target`: the origin of the tcp", "m"),
-    Key("point", VECTOR, "`region`: point of the tcp; `target`: point in the frame of the reference", "m"),
-    Key("placement", PLACEMENT, "`region`: the pose of the box in the frame of the reference", "m"),
-    Key("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
-    Key("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
-    required("tolerance", NOT_NEGATIVE, "largest allowed error", "rad or m"),
-    required("largest", NOT_NEGATIVE, "claimed largest error, at most `tolerance`", "rad or m"),
-    required(
+    st.required("name", st.TEXT, "description for readers"),
+    st.required("kind", st.choice("direction", "region", "target"), "kind of the constraint"),
+    st.required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
+    st.Key("reference", JOINT, "index of the joint that carries the tcp of another arm; -1 for the root", "", -1),
+    st.Key("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
+    st.Key("direction", VECTOR, "`direction`: unit vector in the frame of the reference"),
+    st.Key("origin", VECTOR, "`target`: the origin of the tcp", "m"),
+    st.Key("point", VECTOR, "`region`: point of the tcp; `target`: point in the frame of the reference", "m"),
+    st.Key("placement", PLACEMENT, "`region`: the pose of the box in the frame of the reference", "m"),
+    st.Key("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
+    st.Key("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
+    st.required("tolerance", st.NOT_NEGATIVE, "largest allowed error", "rad or m"),
+    st.required("largest", st.NOT_NEGATIVE, "claimed largest error, at most `tolerance`", "rad or m"),
+    st.required(
         "intervals",
-        list_of(vector(2, PLAIN_NUMBER)),
+        st.list_of(st.vector(2, st.PLAIN_NUMBER)),
         "start and end of each interval on which it is proven; together they cover the curve",
     ),
 )
 
-PROOF = Table(
+PROOF = st.Table(
     "proof",
     "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
     "Indices begin at 0.",
-    required("format", choice(FORMAT), "name of the format"),
-    required("version", choice(VERSION), "version of the format"),
-    Key("made_by", ANY_TEXT, "name and version of the program; not checked"),
-    required("claim", CLAIM, "what the proof states"),
-    required("settings", SETTINGS, "distances and tolerances"),
-    required("hashes", HASHES, "hashes of the inputs"),
-    Key("robot", ROBOT, "the robot, for readers"),
-    required("curve", CURVE, "the motion"),
-    required("limits", any_of(PROOF_LIMITS, NULL), "the joint limits that the motion keeps; null: not compared"),
-    required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
-    required("bodies", list_of(PROOF_BODY), "the bodies"),
-    Key("notes", list_of(ANY_TEXT), "assumptions of the certificate"),
-    required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
-    required("intervals", list_of(vector(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
-    required("pairs", list_of(PAIR), "the evidence"),
-    Key("constraints", list_of(CONSTRAINT), "constraints of the tcp", "", []),
+    st.required("format", st.choice(FORMAT), "name of the format"),
+    st.required("version", st.choice(VERSION), "version of the format"),
+    st.Key("made_by", st.ANY_TEXT, "name and version of the program; not checked"),
+    st.required("claim", CLAIM, "what the proof states"),
+    st.required("settings", SETTINGS, "distances and tolerances"),
+    st.required("hashes", HASHES, "hashes of the inputs"),
+    st.Key("robot", ROBOT, "the robot, for readers"),
+    st.required("curve", CURVE, "the motion"),
+    st.required(
+        "limits", st.any_of(PROOF_LIMITS, st.NULL), "the joint limits that the motion keeps; null: not compared"
+    ),
+    st.required("joints", st.list_of(PROOF_JOINT), "the joints that move, each after its parent"),
+    st.required("bodies", st.list_of(PROOF_BODY), "the bodies"),
+    st.Key("notes", st.list_of(st.ANY_TEXT), "assumptions of the certificate"),
+    st.required(
+        "excluded", st.list_of(st.list_of(st.TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"
+    ),
+    st.required("intervals", st.list_of(st.vector(2, st.PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
+    st.required("pairs", st.list_of(PAIR), "the evidence"),
+    st.Key("constraints", st.list_of(CONSTRAINT), "constraints of the tcp", "", []),
 )
 
 

@@ -10,21 +10,8 @@ import numpy.typing as npt
 
 from pinproof._core import Shape
 from pinproof.collision.geometry.shape_values import point_array
+from pinproof.common import structs as st
 from pinproof.common.files import refuse_unreadable, unknown_suffix
-from pinproof.common.structs import (
-    COUNT,
-    POSE,
-    Key,
-    Table,
-    described,
-    file_of,
-    key,
-    number,
-    required,
-    struct,
-    table_of,
-    without,
-)
 from pinproof.common.validation import named_arguments, optional_module, require_positive
 from pinproof.description import positions, read_elements
 from pinproof.errors import FileError, InputError
@@ -127,19 +114,19 @@ for an image of half the size is off by 0.25."""
 
 
 @named_arguments
-@struct("intrinsics")
+@st.struct("intrinsics")
 class Intrinsics:
     """A pinhole camera without distortion; the center of the first pixel is (0, 0).
 
     A point (x, y, z) of its frame is at the pixel (fx x / z + cx, fy y / z + cy).
     """
 
-    fx: float = key("focal length along the rows", "pixels", above=0)
-    fy: float = key("focal length along the columns", "pixels", above=0)
-    cx: float = key("column of the principal point", "pixels")
-    cy: float = key("row of the principal point", "pixels")
-    width: int = key("columns of the image", "pixels", minimum=1)
-    height: int = key("rows of the image", "pixels", minimum=1)
+    fx: float = st.key("focal length along the rows", "pixels", above=0)
+    fy: float = st.key("focal length along the columns", "pixels", above=0)
+    cx: float = st.key("column of the principal point", "pixels")
+    cy: float = st.key("row of the principal point", "pixels")
+    width: int = st.key("columns of the image", "pixels", minimum=1)
+    height: int = st.key("rows of the image", "pixels", minimum=1)
 
     def __post_init__(self) -> None:
         for name, size in (("cx", self.width), ("cy", self.height)):
@@ -185,19 +172,23 @@ class RemovedBody(NamedTuple):
     pieces: tuple[DepthPiece, ...]
 
 
-@described(eq=False)
+@st.described(eq=False)
 class DepthView:
     """A checked depth image with its camera; :meth:`read` makes one."""
 
-    depth: Array = key("(height, width) measured depth (m) along the optical axis; 0 without a measurement")
-    nearest: Array = key("(height, width) every surface in a pixel is here or farther; 0 where nothing is known", "m")
-    farthest: Array = key("(height, width) a surface was measured here or nearer; 0 where none was measured", "m")
-    uncertainty: Array = key("(height, width) or one number: the largest error (m) of a depth")
-    intrinsics: Intrinsics = key("the camera")
-    root_from_camera: SE3 = key("its pose")
-    removed: tuple[RemovedBody, ...] = key("the bodies that :func:`pinproof.collision.remove_body` removed", default=())
-    record: tuple[str, ...] = key("what was done, in sentences", default=())
-    beside: Array = key(
+    depth: Array = st.key("(height, width) measured depth (m) along the optical axis; 0 without a measurement")
+    nearest: Array = st.key(
+        "(height, width) every surface in a pixel is here or farther; 0 where nothing is known", "m"
+    )
+    farthest: Array = st.key("(height, width) a surface was measured here or nearer; 0 where none was measured", "m")
+    uncertainty: Array = st.key("(height, width) or one number: the largest error (m) of a depth")
+    intrinsics: Intrinsics = st.key("the camera")
+    root_from_camera: SE3 = st.key("its pose")
+    removed: tuple[RemovedBody, ...] = st.key(
+        "the bodies that :func:`pinproof.collision.remove_body` removed", default=()
+    )
+    record: tuple[str, ...] = st.key("what was done, in sentences", default=())
+    beside: Array = st.key(
         "(K, 3) measured points outside the image, in the frame of the grid; only of point clouds",
         "m",
         default_factory=lambda: np.zeros((0, 3)),
@@ -323,26 +314,26 @@ def _view(
     return DepthView.from_points(str(points), intrinsics, camera, **settings), margin
 
 
-VIEW = Table(
+VIEW = st.Table(
     "view",
     "A depth image and its camera.",
-    Key("image", file_of(), "the image (NPY, PNG or EXR), relative to the folder of this file"),
-    Key("points", file_of(), "instead of `image`: a point cloud (NPY, PLY or PCD) in the frame of the obstacle"),
-    required("intrinsics", table_of(Intrinsics), "the camera"),
-    required("camera", POSE, "root_from_camera: x to the right, y downwards, z forward"),
-    Key("depth_scale", number(above=0), "metres per unit of the image, which images of integers need", "m"),
-    Key("depth_uncertainty", number(minimum=0), "largest error of a measured depth", "m", DEPTH_UNCERTAINTY),
-    Key(
+    st.Key("image", st.file_of(), "the image (NPY, PNG or EXR), relative to the folder of this file"),
+    st.Key("points", st.file_of(), "instead of `image`: a point cloud (NPY, PLY or PCD) in the frame of the obstacle"),
+    st.required("intrinsics", st.table_of(Intrinsics), "the camera"),
+    st.required("camera", st.POSE, "root_from_camera: x to the right, y downwards, z forward"),
+    st.Key("depth_scale", st.number(above=0), "metres per unit of the image, which images of integers need", "m"),
+    st.Key("depth_uncertainty", st.number(minimum=0), "largest error of a measured depth", "m", DEPTH_UNCERTAINTY),
+    st.Key(
         "pixel_margin",
-        COUNT,
+        st.COUNT,
         "pixels around the image of a cell that must be farther than the cell too",
         "",
         PIXEL_MARGIN,
     ),
     rules={
         "oneOf": [
-            {"required": ["image"], **without("points")},
-            {"required": ["points"], **without("image", "depth_scale")},
+            {"required": ["image"], **st.without("points")},
+            {"required": ["points"], **st.without("image", "depth_scale")},
         ]
     },
     make=_view,

@@ -32,24 +32,7 @@ from pinproof.collision.geometry.depth_image import (
 )
 from pinproof.collision.geometry.octomap_file import THRESHOLD, OctomapLeaves, read_octomap
 from pinproof.collision.geometry.shape_values import COORDINATE, LARGEST_SIZE, LENGTH, ByContent, Size, checked_size
-from pinproof.common.structs import (
-    ANY_TEXT,
-    INTEGER,
-    TEXT,
-    Accepting,
-    Key,
-    Table,
-    choice,
-    file_of,
-    integer,
-    key,
-    list_of,
-    number,
-    simple,
-    struct,
-    vector,
-    without,
-)
+from pinproof.common import structs as st
 from pinproof.common.validation import named_arguments, require_integer, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.spatial import Array, finite, matrix
@@ -90,7 +73,7 @@ def _first_cell(name: str, value: Any) -> tuple[int, int, int]:
 
 
 @named_arguments
-@struct(eq=False, repr=False)
+@st.struct(eq=False, repr=False)
 class OccupancyGrid(ByContent):
     """Cubic cells of a box of space, each free, occupied or unknown.
 
@@ -100,25 +83,25 @@ class OccupancyGrid(ByContent):
     note this.
     """
 
-    cells: Accepting[Cells, npt.ArrayLike] = key(
+    cells: st.Accepting[Cells, npt.ArrayLike] = st.key(
         "(nx, ny, nz) the states of the cells: :data:`~pinproof.collision.geometry.occupancy.FREE` 0, "
         ":data:`~pinproof.collision.geometry.occupancy.SEEN` 1, :data:`~pinproof.collision.geometry.occupancy.UNKNOWN` "
         "2, :data:`~pinproof.collision.geometry.occupancy.CLEARED` 3 (free, because a body was removed)",
-        kind=simple({}, _states),
+        kind=st.simple({}, _states),
     )
-    voxel: Size = key("the side of a cell", "m")
-    low: tuple[int, int, int] = key(
+    voxel: Size = st.key("the side of a cell", "m")
+    low: tuple[int, int, int] = st.key(
         "(3,) the indices of the first cell: cell c is the cube from c to c + 1, times the side, in the frame of the "
         "obstacle",
         default=(0, 0, 0),
-        kind=simple({}, _first_cell),
+        kind=st.simple({}, _first_cell),
     )
-    unknown: str = key(
+    unknown: str = st.key(
         '``"occupied"``: cells that were not seen are obstacles. ``"free"``: they are not, and certificates note this',
         default="occupied",
     )
-    record: tuple[str, ...] = key(
-        "how the grid was made, in sentences; certificates list them", default=(), kind=list_of(ANY_TEXT)
+    record: tuple[str, ...] = st.key(
+        "how the grid was made, in sentences; certificates list them", default=(), kind=st.list_of(st.ANY_TEXT)
     )
 
     def __post_init__(self) -> None:
@@ -465,27 +448,29 @@ SOURCES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 """The keys of which a grid in a file has exactly one, each with the keys that it needs and those that it may have."""
 
 _KEYS = (
-    Key("voxel", LENGTH, "with `views` or `cells`: side of a cell", "m"),
-    Key("unknown", choice(*POLICIES), "the state of cells that were not seen", "", POLICIES[0]),
-    Key("views", list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
-    Key("octomap", file_of(), "a map of OctoMap (BT or OT), relative to the folder of this file, instead of `views`"),
-    Key(
+    st.Key("voxel", LENGTH, "with `views` or `cells`: side of a cell", "m"),
+    st.Key("unknown", st.choice(*POLICIES), "the state of cells that were not seen", "", POLICIES[0]),
+    st.Key("views", st.list_of(VIEW, 1), "the depth images; a cell is free if one of them proves it free"),
+    st.Key(
+        "octomap", st.file_of(), "a map of OctoMap (BT or OT), relative to the folder of this file, instead of `views`"
+    ),
+    st.Key(
         "bounds",
-        list_of(vector(3, COORDINATE), 2, 2),
+        st.list_of(st.vector(3, COORDINATE), 2, 2),
         "lower and upper corner of the grid: required with `views`; with `octomap`, by default those of known space",
         "m",
     ),
-    Key(
+    st.Key(
         "threshold",
-        number(above=0, below=1),
+        st.number(above=0, below=1),
         "with `octomap`: occupancy from which the leaves of an OT file are occupied",
         "",
         THRESHOLD,
     ),
-    Key("cells", TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
-    Key("low", list_of(INTEGER, 3, 3), "with `cells`: indices of the first cell"),
-    Key("count", list_of(integer(1), 3, 3), "with `cells`: numbers of cells along x, y, z"),
-    Key("record", list_of(ANY_TEXT), "with `cells`: how the grid was made"),
+    st.Key("cells", st.TEXT, "the states of the cells instead of `views`: base64 of zlib, as `Scene.save` writes it"),
+    st.Key("low", st.list_of(st.INTEGER, 3, 3), "with `cells`: indices of the first cell"),
+    st.Key("count", st.list_of(st.integer(1), 3, 3), "with `cells`: numbers of cells along x, y, z"),
+    st.Key("record", st.list_of(st.ANY_TEXT), "with `cells`: how the grid was made"),
 )
 
 
@@ -533,7 +518,7 @@ def stated_grid(grid: OccupancyGrid) -> dict[str, Any]:
     return {**head, "cells": packed, "record": list(grid.record)}
 
 
-GRID = Table(
+GRID = st.Table(
     "occupancy_grid",
     "Space that depth images prove free, or that a map of OctoMap states free; everything else is an obstacle.",
     *_KEYS,
@@ -541,7 +526,7 @@ GRID = Table(
         "oneOf": [
             {
                 "required": [*needed, source],
-                **without(*(key.name for key in _KEYS if key.name not in (source, "unknown", *needed, *possible))),
+                **st.without(*(key.name for key in _KEYS if key.name not in (source, "unknown", *needed, *possible))),
             }
             for source, (needed, possible) in SOURCES.items()
         ]

@@ -32,28 +32,8 @@ from pinproof.collision.geometry.shape_values import (
     coordinates,
     point_array,
 )
+from pinproof.common import structs as st
 from pinproof.common.results import ByValue
-from pinproof.common.structs import (
-    COUNT,
-    NUMBER,
-    POSE,
-    Accepting,
-    Key,
-    Kind,
-    Table,
-    any_of,
-    array_of,
-    file_of,
-    key,
-    list_of,
-    number,
-    optional,
-    parsed,
-    simple,
-    struct,
-    table_of,
-    vector,
-)
 from pinproof.common.validation import named_arguments, require_number
 from pinproof.errors import InputError
 from pinproof.model import coal_shape
@@ -77,16 +57,16 @@ SUPPORT_TOLERANCE = 1e-9
 
 
 @named_arguments
-@struct("rounded_hull", eq=False, repr=False)
+@st.struct("rounded_hull", eq=False, repr=False)
 class ConvexShape(ByContent):
     """The convex hull of points, grown by a ball (their Minkowski sum)."""
 
-    points: Accepting[Array, npt.ArrayLike] = key(
+    points: st.Accepting[Array, npt.ArrayLike] = st.key(
         "(V, 3) the points; without a radius they are not all in one plane",
         "m",
-        kind=array_of(list_of(vector(3, COORDINATE), 1), (None, 3), coordinates),
+        kind=st.array_of(st.list_of(st.vector(3, COORDINATE), 1), (None, 3), coordinates),
     )
-    radius: float = key("radius of the ball", "m", default=0.0, kind=number(minimum=0, maximum=LARGEST_SIZE))
+    radius: float = st.key("radius of the ball", "m", default=0.0, kind=st.number(minimum=0, maximum=LARGEST_SIZE))
 
     def __post_init__(self) -> None:
         if self.radius < FLAT or not len(self.points):
@@ -196,7 +176,7 @@ def _indices(name: str, value: Any) -> npt.NDArray[np.int64]:
 
 
 @named_arguments
-@struct(
+@st.struct(
     "mesh",
     first=("path", "scale", "vertices", "triangles"),
     rules=[
@@ -214,35 +194,37 @@ def _indices(name: str, value: Any) -> npt.NDArray[np.int64]:
 class Mesh(ByContent):
     """A triangle mesh, from a file or from vertices and triangles."""
 
-    path: str | Path | None = key(
-        "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file", default=None, kind=file_of()
+    path: str | Path | None = st.key(
+        "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file",
+        default=None,
+        kind=st.file_of(),
     )
-    scale: float | tuple[float, float, float] = key(
+    scale: float | tuple[float, float, float] = st.key(
         "a factor, or one each for x, y, z; only with `path`",
         default=1.0,
-        kind=any_of(NUMBER, vector(), check=_factors),
+        kind=st.any_of(st.NUMBER, st.vector(), check=_factors),
     )
-    hull: bool | None = key(
+    hull: bool | None = st.key(
         "`true`: the convex hull, which fills a bin; `false`: the triangles, which must be watertight. By default a "
         "watertight mesh is a solid of its own shape, covered by a few convex pieces if these extend at most 1 mm "
         "beyond it, and any other is replaced by its convex hull, which certificates note",
         default=None,
     )
-    hollow: bool = key(
+    hollow: bool = st.key(
         "`true`: only the surface, watertight or not. A body that is entirely inside is then not in contact, which "
         "certificates note",
         default=False,
     )
-    vertices: Accepting[Array | None, npt.ArrayLike | None] = key(
+    vertices: st.Accepting[Array | None, npt.ArrayLike | None] = st.key(
         "(V, 3) the vertices of a mesh without a file",
         "m",
         default=None,
-        kind=array_of(list_of(vector(3, COORDINATE), 3), (None, 3), coordinates),
+        kind=st.array_of(st.list_of(st.vector(3, COORDINATE), 3), (None, 3), coordinates),
     )
-    triangles: npt.NDArray[np.int64] | None = key(
+    triangles: npt.NDArray[np.int64] | None = st.key(
         "(F, 3) three indices of vertices for each triangle",
         default=None,
-        kind=simple(list_of(list_of(COUNT, 3, 3), 1).schema, _indices),
+        kind=st.simple(st.list_of(st.list_of(st.COUNT, 3, 3), 1).schema, _indices),
     )
 
     def __post_init__(self) -> None:
@@ -280,17 +262,17 @@ def _measured(name: str, value: Any) -> Array:
 
 
 @named_arguments
-@struct("point_cloud", eq=False, repr=False)
+@st.struct("point_cloud", eq=False, repr=False)
 class PointCloud(ByContent):
     """The points of a sensor: every cell of a grid that contains one is solid, like the leaves of an octree."""
 
-    points: Accepting[Array, npt.ArrayLike] = key(
+    points: st.Accepting[Array, npt.ArrayLike] = st.key(
         "(N, 3) the points. Those with a coordinate that is not finite, which depth cameras return for pixels without "
         "a measurement, are dropped and counted",
         "m",
-        kind=simple(list_of(vector(3, COORDINATE), 1).schema, _measured, parsed),
+        kind=st.simple(st.list_of(st.vector(3, COORDINATE), 1).schema, _measured, st.parsed),
     )
-    resolution: Size = key(
+    resolution: Size = st.key(
         "side of the cells of the grid, which start at integer multiples of it. The solid extends up to one side "
         "beyond a point, and space between points that are farther apart is free; a cell should be no finer than the "
         "spacing of the points",
@@ -333,7 +315,7 @@ def cells_numbered(numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
 
 
 @named_arguments
-@struct("height_map", eq=False, repr=False)
+@st.struct("height_map", eq=False, repr=False)
 class HeightMap(ByContent):
     """Ground over a rectangle about the origin, solid from its surface down to its underside.
 
@@ -341,18 +323,18 @@ class HeightMap(ByContent):
     bilinear patch.
     """
 
-    heights: Accepting[Array, npt.ArrayLike] = key(
+    heights: st.Accepting[Array, npt.ArrayLike] = st.key(
         "(ny, nx) rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
         "m",
-        kind=array_of(list_of(list_of(COORDINATE, 2), 2), (None, None), coordinates),
+        kind=st.array_of(st.list_of(st.list_of(COORDINATE, 2), 2), (None, None), coordinates),
     )
-    x: Size = key("full side of the rectangle along x", "m")
-    y: Size = key("full side of the rectangle along y", "m")
-    bottom: float = key(
+    x: Size = st.key("full side of the rectangle along x", "m")
+    y: Size = st.key("full side of the rectangle along y", "m")
+    bottom: float = st.key(
         f"z of the underside; by default {BELOW_LOWEST} m below the lowest point",
         "m",
         default=None,
-        kind=Kind(NUMBER.schema, optional(NUMBER).check, NUMBER.parse),
+        kind=st.Kind(st.NUMBER.schema, st.optional(st.NUMBER).check, st.NUMBER.parse),
     )
 
     def __post_init__(self) -> None:
@@ -367,62 +349,62 @@ class HeightMap(ByContent):
 
 
 @named_arguments
-@struct("box")
+@st.struct("box")
 class Box:
     """A box."""
 
-    x: Size = key("full side along x", "m")
-    y: Size = key("full side along y", "m")
-    z: Size = key("full side along z", "m")
+    x: Size = st.key("full side along x", "m")
+    y: Size = st.key("full side along y", "m")
+    z: Size = st.key("full side along z", "m")
 
 
 @named_arguments
-@struct("sphere")
+@st.struct("sphere")
 class Sphere:
     """A sphere."""
 
-    radius: Size = key("radius", "m")
+    radius: Size = st.key("radius", "m")
 
 
 @named_arguments
-@struct("cylinder")
+@st.struct("cylinder")
 class Cylinder:
     """A cylinder about z."""
 
-    radius: Size = key("radius", "m")
-    length: Size = key("length from end to end", "m")
+    radius: Size = st.key("radius", "m")
+    length: Size = st.key("length from end to end", "m")
 
 
 @named_arguments
-@struct("capsule")
+@st.struct("capsule")
 class Capsule:
     """A cylinder about z with two hemispherical caps."""
 
-    radius: Size = key("radius", "m")
-    length: Size = key("length of the cylinder, without the caps", "m")
+    radius: Size = st.key("radius", "m")
+    length: Size = st.key("length of the cylinder, without the caps", "m")
 
 
 @named_arguments
-@struct("cone")
+@st.struct("cone")
 class Cone:
     """A cone about z; its tip is at z = length / 2."""
 
-    radius: Size = key("radius of the base", "m")
-    length: Size = key("height", "m")
+    radius: Size = st.key("radius of the base", "m")
+    length: Size = st.key("height", "m")
 
 
 @named_arguments
-@struct("ellipsoid")
+@st.struct("ellipsoid")
 class Ellipsoid:
     """An ellipsoid."""
 
-    rx: Size = key("semi-axis along x", "m")
-    ry: Size = key("semi-axis along y", "m")
-    rz: Size = key("semi-axis along z", "m")
+    rx: Size = st.key("semi-axis along x", "m")
+    ry: Size = st.key("semi-axis along y", "m")
+    rz: Size = st.key("semi-axis along z", "m")
 
 
 @named_arguments
-@struct("half_space")
+@st.struct("half_space")
 class HalfSpace:
     """A half-space, such as a floor, wall or ceiling: all points below z = 0 of its frame are solid."""
 
@@ -453,7 +435,7 @@ ANYTHING = "*"
 def _box(stated: Any) -> Box:
     if not isinstance(stated, list):
         raise InputError(f"{stated!r} is not a list of full sides; write box: [x, y, z]")
-    return Box(*finite("box", parsed(stated), (3,)))
+    return Box(*finite("box", st.parsed(stated), (3,)))
 
 
 def _only_shape(**shapes: Shape) -> Shape:
@@ -462,15 +444,15 @@ def _only_shape(**shapes: Shape) -> Shape:
     return next(iter(shapes.values()))
 
 
-SHAPE = Table(
+SHAPE = st.Table(
     "shape",
     "Exactly one shape.",
-    Key("box", simple(vector(3, SIZE).schema, parse=_box), "the full sides x, y, z of a box", "m"),
+    st.Key("box", st.simple(st.vector(3, SIZE).schema, parse=_box), "the full sides x, y, z of a box", "m"),
     *(
-        Key(name, table, f"{table.text[0].lower()}{table.text[1:].rstrip('.')}")
+        st.Key(name, table, f"{table.text[0].lower()}{table.text[1:].rstrip('.')}")
         for name, made in SHAPES_BY_KEY.items()
         if made is not Box
-        for table in (GRID if made is OccupancyGrid else table_of(made),)
+        for table in (GRID if made is OccupancyGrid else st.table_of(made),)
     ),
     rules={"oneOf": [{"required": [name]} for name in SHAPES_BY_KEY]},
     make=_only_shape,
@@ -575,33 +557,33 @@ def _one_arm(name: str, value: Any) -> str:
     return value
 
 
-@struct("obstacle", eq=False)
+@st.struct("obstacle", eq=False)
 class Obstacle(ByValue):
     """A body: a name, exactly one shape, a pose and a colour."""
 
-    name: str = key("its name, unique in its list")
-    shape: Accepting[Shape, Any] = key(
+    name: str = st.key("its name, unique in its list")
+    shape: st.Accepting[Shape, Any] = st.key(
         "its shape; also a geometry of coal, a mesh of trimesh or Open3D, and points (N, 3) or a cloud of these "
         "libraries, whose cells are 2 cm",
-        kind=simple({}, _shape),
+        kind=st.simple({}, _shape),
         inline=SHAPE,
     )
-    pose: SE3 = key(
+    pose: SE3 = st.key(
         "``root_from_obstacle``: its pose in the frame of the robot's root link, SE3 or (4, 4). Copied, and read-only "
         "afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose",
         default=None,
-        kind=simple({}, _nearby),
-        inline=POSE,
+        kind=st.simple({}, _nearby),
+        inline=st.POSE,
     )
-    rgba: tuple[float, float, float, float] | None = key(
+    rgba: tuple[float, float, float, float] | None = st.key(
         "colour and opacity in the viewer, each from 0 to 1",
         default=None,
-        kind=list_of(number(minimum=0, maximum=1), 4, 4),
+        kind=st.list_of(st.number(minimum=0, maximum=1), 4, 4),
     )
-    arm: str | None = key(
+    arm: str | None = st.key(
         "for an object attached to a joint group with several arms: the name of the arm that carries it",
         default=None,
-        kind=simple({}, _one_arm),
+        kind=st.simple({}, _one_arm),
         hidden=True,
     )
 
@@ -625,7 +607,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         return kind, [shape.x, shape.y, shape.z]
     if isinstance(shape, OccupancyGrid):
         return kind, stated_grid(shape)
-    stated = table_of(type(shape)).write(shape)
+    stated = st.table_of(type(shape)).write(shape)
     if not isinstance(shape, Mesh):
         return kind, stated
     if shape.path is not None:

@@ -99,6 +99,9 @@ def test_a_pick_may_choose_the_grasp_or_the_tool(tmp_path: Path) -> None:
         ("part: top_only, object: x, tool: cup", "the grasps of its part are top (jaws)"),
         ("part: block, object: x, grip_limits: {friction: 0}", "above 0"),
         ("part: block, object: x, fingers: {width: 1}", "unknown key 'width'; valid: grip, opening"),
+        ("part: bare, object: x, grasp: top", "unknown grasp 'top'"),
+        ("part: top_only, object: x, cup: {force: 3}", "key cup: states values of `cup`, which no tool that may hold"),
+        ("part: top_only, object: x, held: {fngr: 3}", "unknown joint 'fngr' in the gripping joints of the hands"),
         ("grasp: top, object: x", "a grasp of its part and xyz"),
     ],
 )
@@ -123,6 +126,10 @@ def test_a_pick_that_does_not_fit_the_parts_and_tools_is_named_with_the_choices(
         (HEAD, PARTS.replace("tool: cup", "tool: hook"), "key parts.block.grasps['grasp 2'].tool", "valid: cup, jaws"),
         (HEAD + "cup: {radius: 0.01}\n", PARTS, "line 12, column 1, key cup", "beside tools; state it in one of jaws"),
         (HEAD + "tip: {xyz: [0, 0, 1]}\n", PARTS, "line 12, column 1, key tip", "beside tools"),
+        (HEAD, PARTS.replace("tool: cup", "tool: cup, fingers: {opening: 0.01}"),
+         "key parts.block.grasps['grasp 2'].fingers", "valid: `cup`, `grip_limits`"),
+        (HEAD, "parts: {a: {box: [1, 1, 1], tool: jaws, cup: {force: 3}}}\n", "column 41, key parts.a.cup", "no tool"),
+        (HEAD + "grip_limits: {friction: 0.3}\n", PARTS, "line 12, column 1, key grip_limits", "beside tools"),
         (HEAD, PARTS.replace("xyz: [0, 0, 0.025], ", ""), "key parts.block.grasps[1]", "does not state its xyz"),
         (HEAD, PARTS.replace("name: top", "name: grasp 2"), "key parts.block", "a second grasp of block is named"),
         (HEAD.replace("tool_change: 8", "tool_change: fast"), PARTS, "line 11, column 1, key tool_change", "mounted"),
@@ -283,3 +290,14 @@ def test_a_part_that_states_a_joint_which_no_hand_has_is_refused_at_its_key(tmp_
     with pytest.raises(PicksError, match="unknown joint 'jont' in the gripping joints of the hands") as refused:
         read(tmp_path, "{name: a, part: block, object: block_1}", parts=parts)
     assert "line 18, column 5, key parts.block.held" in str(refused.value)
+
+
+def test_values_that_no_hand_has_are_refused_in_python_too(arms) -> None:
+    block = PartType(shape=pp.Box(0.03, 0.03, 0.03), grasps=[PartGrasp(pp.pose())], cup={"force": 3.0})
+    picks = pp.Picks((), parts={"block": block}, fingers=fingers(), tool=(HAND,), **SPEC)
+    with pytest.raises(InputError, match=r"key parts\.block\.cup: states values of `cup`.*valid: `fingers`"):
+        pp.picks.PickSetup.make(arms["ur5"], pp.Scene([]), picks, home=None, rng=0)
+    bare = replace(picks, parts={"block": replace(block, cup={})})
+    pick = pp.Pick("a", part="block", carried="x", held={"fngr": 0.1})
+    with pytest.raises(InputError, match="unknown joint 'fngr'"):
+        bare.grasps_of(pick)

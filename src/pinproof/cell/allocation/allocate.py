@@ -143,6 +143,8 @@ def allocate(
 
 HandLike = TypeVar("HandLike", bound=Hand)
 
+Values = TypeVar("Values", bound=HandValues)
+
 
 def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
     """The settings of an arm, with the names of links and joints in the cell and unique names of its tool."""
@@ -180,9 +182,13 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
     mounted = (None, *own.tools)
 
     def of_part(part: PartType) -> PartType:
-        """The part with the grasps that are for the tools of the arm."""
-        usable = [each for each in part.grasps if (each.tool or part.tool) in mounted]
-        return replace(part, grasps=tuple(replace(each, **joints(each)) for each in usable), **joints(part))
+        """The part with the grasps that are for the tools of the arm, and the values that these have."""
+        usable = (each for each in part.grasps if (each.tool or part.tool) in mounted)
+        return fitting(replace(part, grasps=tuple(map(fitting, usable))))
+
+    def fitting(values: Values) -> Values:
+        own_values = HandValues.that_fit(values, *(own.tools.values() or (own,)))
+        return replace(values, **{**{name: getattr(own_values, name) for name in values.VALUES}, **joints(own_values)})
 
     if len(own.tools) > 1 and own.tool_change != "mounted":
         raise InputError(

@@ -129,13 +129,13 @@ class PartType(HandValues, ByValue):
         centre, _ = uniform_body(LineSurface.of_obstacle(Obstacle(self.name, self.shape)))
         return Payload(self.mass, centre.round(9), self.inertia)
 
-    def that_fit(self, hand: Hand) -> HandValues:
-        """The values for a hand, with the friction of the part."""
-        values = super().that_fit(hand)
+    def that_fit(self, *hands: Hand) -> HandValues:
+        """The values for hands, with the friction of the part."""
+        values = super().that_fit(*hands)
         if self.friction is None:
             return values
         limits = {"friction": self.friction, **values.grip_limits}
-        cup = {} if hand.cup is None else {"friction": self.friction, **values.cup}
+        cup = {} if all(hand.cup is None for hand in hands) else {"friction": self.friction, **values.cup}
         return replace(values, grip_limits=limits, cup=cup)
 
 
@@ -162,7 +162,8 @@ def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Too
     UnknownNameError
         If the part, the grasp or the tool does not exist.
     InputError
-        If no tool is stated although several exist, or no grasp of the part is for the tool of the pick.
+        If no tool is stated although several exist, or no grasp of the part is for the tool of the pick, or the pick
+        states values that none of the tools of these grasps has.
     """
     if pick.tool is not None and pick.tool not in tools:
         raise UnknownNameError("tool", pick.tool, tools or ("none",), "the tools of the picks file")
@@ -210,4 +211,5 @@ def grasps_of(pick: Pick, parts: Mapping[str, PartType], tools: Mapping[str, Too
     if not usable:
         found = ", ".join(f"{own.name} ({own.tool or part.tool})" for own in grasps)
         raise InputError(f"pick {pick.name!r} is for the tool {pick.tool!r}, but the grasps of its part are {found}")
+    pick.refuse_unused([tools.get(own.tool or part.tool or pick.tool or next(iter(tools), ""), hand) for own in usable])
     yield from map(resolved, usable)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,8 +21,8 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, assemble
 from pinproof.picks.input.parts import PART_TYPE, PartType, grasps_of
 from pinproof.picks.input.pick import Pick
-from pinproof.picks.input.settings import Conveyor, PickBudget
-from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, RobotAndHand, Tool, with_values
+from pinproof.picks.input.settings import Conveyor, GripLimits, PickBudget
+from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, Hand, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
 
 
@@ -285,6 +285,7 @@ class Picks(RobotAndHand, Shown):
             Its message names the key.
         """
         count, stated = len(self.tools), [own for own in ("fingers", "cup", "grip") if getattr(self, own)]
+        stated += ["grip_limits"] * (self.grip_limits != GripLimits())
         if count and (stated or not self.tip.isIdentity()):
             own = {"grip": "held"}.get(stated[0], stated[0]) if stated else "tip"
             raise st.Misread(f"is stated beside tools; state it in one of {', '.join(self.tools)}", (f".{own}",))
@@ -306,31 +307,35 @@ class Picks(RobotAndHand, Shown):
                 f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",)
             )
 
-    def check_parts(self, tools: Collection[str], joints: Collection[str], *, several: bool) -> None:
-        """Check that part types name only ``tools`` and gripping ``joints``.
+    def check_parts(self, robots: Sequence[Picks] = ()) -> None:
+        """Check that part types state only tools that exist, and only values of hands that may hold them.
 
-        The tool of every grasp is stated if a robot has ``several``.
+        ``robots`` are the settings of all robots of a file, which states the tool of every grasp if one has several.
 
         Raises
         ------
         InputError
             Its message names the key.
         """
+        every = robots or (self,)
+        tools = list(dict.fromkeys(name for each in every for name in each.tools))
+
+        def hands(tool: str | None) -> list[Hand]:
+            """The hands that a tool names: without a name, all."""
+            some = ([own for name, own in each.tools.items() if tool in (None, name)] for each in every)
+            return [own for each, named in zip(every, some, strict=True) for own in named or [each][: not each.tools]]
+
         for name, part in self.parts.items():
             steps: tuple[str, ...] = (".parts", f".{name}")
-            named = {part.tool: steps}
-            named |= {grasp.tool: (*steps, ".grasps", f"[{grasp.name!r}]") for grasp in part.grasps}
-            for tool, where in named.items():
+            grasps = [(own, (*steps, ".grasps", f"[{own.name!r}]")) for own in part.grasps]
+            for tool, where in {part.tool: steps, **{own.tool: where for own, where in grasps}}.items():
                 if tool is not None and tool not in tools:
                     raise st.Misread(str(UnknownNameError("tool", tool, tools or ("none",))), (*where, ".tool"))
-            for own, where in ((part, steps), *((each, (*steps, ".grasps")) for each in part.grasps)):
-                for joint in own.held:
-                    if joint not in joints:
-                        unknown = UnknownNameError(
-                            "joint", joint, joints or ("none",), "the gripping joints of the hands"
-                        )
-                        raise st.Misread(str(unknown), (*where, ".held"))
-            if several and None in (grasp.tool or part.tool for grasp in part.grasps or (part,)):
+            used = dict.fromkeys([own.tool or part.tool for own in part.grasps] or [part.tool])
+            part.refuse_unused([hand for tool in used for hand in hands(tool)], steps)
+            for own, where in grasps:
+                own.refuse_unused(hands(own.tool or part.tool), where)
+            if robots and len(self.tools) > 1 and None in used:
                 reason = f"states no tool for some of its grasps; choose one of {', '.join(tools)} for the part"
                 raise st.Misread(reason, steps)
 
@@ -443,13 +448,10 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
     where = st.position(content, "robots")
     shared = replace(shared, robots=st.step(".robots", where, robots.parse, "robots", content.get("robots", {}), path))
     every = [robot.settings for robot in shared.robots.values()] or [shared]
-    tools = list(dict.fromkeys(name for each in every for name in each.tools))
-    hands = [hand for each in every for hand in (each, *each.tools.values())]
-    joints = list(dict.fromkeys(name for hand in hands for name in hand.grip))
     for each in every:
         try:
             each.check_tools()
-            each.check_parts(tools, joints, several=len(each.tools) > 1)
+            each.check_parts(every)
         except st.Misread as error:
             raise st.Misread(error.reason, error.steps, _position(content, error.steps)) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):

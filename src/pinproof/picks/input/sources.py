@@ -553,7 +553,12 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
             taken.update(pick.name for pick in made)
             picks += made
         except (InputError, FileError) as error:
-            reason, where = error.reason if isinstance(error, FileError) else str(error), st.position(row)
+            where = st.position(row)
+            if isinstance(error, st.Misread) and not error.position:  # what fits no tool is known after the row is read
+                key = str(error.steps[0]).removeprefix(".") if error.steps else ""
+                where = st.position(row, key) if key in row else where
+                error = st.Misread(error.reason, error.steps, where)
+            reason = error.reason if isinstance(error, FileError) else str(error)
             reason = f"{where}: {reason}" if where and not isinstance(error, st.Misread) else reason
             problems.append(PickProblem(number, str(name or f"row {number}"), reason))
     return PickList(replace(shared, picks=tuple(picks), problems=tuple(problems)))

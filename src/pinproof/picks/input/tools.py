@@ -178,11 +178,28 @@ class HandValues:
 
     VALUES: ClassVar[tuple[str, ...]] = ("held", "grip", "fingers", "cup", "grip_limits")
 
-    def that_fit(self, hand: Hand) -> HandValues:
-        """The values of fingers, cup and gripping joints that a hand has; a part may be held by different tools."""
-        joints = {own: {j: v for j, v in getattr(self, own).items() if j in hand.grip} for own in ("held", "grip")}
-        shapes = {own: getattr(self, own) if getattr(hand, own) is not None else {} for own in ("fingers", "cup")}
+    def that_fit(self, *hands: Hand) -> HandValues:
+        """The values of fingers, cup and gripping joints that one of the hands has; several may hold the same part."""
+        grips = {joint for hand in hands for joint in hand.grip}
+        joints = {own: {j: v for j, v in getattr(self, own).items() if j in grips} for own in ("held", "grip")}
+        there = {own: any(getattr(hand, own) is not None for hand in hands) for own in ("fingers", "cup")}
+        shapes = {own: getattr(self, own) if has else {} for own, has in there.items()}
         return HandValues(**joints, **shapes, grip_limits=self.grip_limits)
+
+    def refuse_unused(self, hands: Sequence[Hand], steps: tuple[str, ...] = ()) -> None:
+        """Raise Misread, at the key below ``steps``, if a value is for fingers, a cup or a joint that no hand has."""
+        fitting = HandValues.that_fit(self, *hands)
+        for joint in self.held:
+            if joint not in fitting.held:
+                valid = dict.fromkeys(joint for hand in hands for joint in hand.grip)
+                unknown = UnknownNameError("joint", joint, valid or ("none",), "the gripping joints of the hands")
+                raise st.Misread(str(unknown), (*steps, ".held"))
+        for own in ("fingers", "cup"):
+            if getattr(self, own) and not getattr(fitting, own):
+                has = [f"`{each}`" for each in ("fingers", "cup") if any(getattr(hand, each) for hand in hands)]
+                has += ["`held`"] * any(hand.grip for hand in hands) + ["`grip_limits`"]
+                reason = f"states values of `{own}`, which no tool that may hold the part has; valid: {', '.join(has)}"
+                raise st.Misread(reason, (*steps, f".{own}"))
 
     def hand_values(self, *more: HandValues) -> dict[str, Mapping[str, Any]]:
         """The values by field, replaced by those of ``more``, of which the last one has precedence."""

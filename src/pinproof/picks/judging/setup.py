@@ -111,6 +111,7 @@ class PickSetup:
                 "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
             )
         picks.check_tools()
+        picks.check_parts()
         check_held_joints(arm, picks)
         torque_limits_of_tool(arm, picks)
         # The arm at rest in its cell, with the open hand

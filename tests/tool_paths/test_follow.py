@@ -295,3 +295,30 @@ GANTRY = """<robot name="gantry"><link name="l0"/>
 <link name="l2"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
 <joint name="y" type="prismatic"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
 <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+
+
+def test_a_start_outside_the_limits_is_blocked_there(free):
+    plan = pp.follow(free, ToolPath.through(LINE, UP, speed=0.1), start=np.full(6, 9.0))
+    assert (plan.blocked[0].obstruction, plan.blocked[0].pose) == (Obstruction.LIMIT, -1.0)
+
+
+def test_the_tool_stops_at_sharp_corners_whose_roundings_cannot_be_timed():
+    checker, path, settings = random_problem("puma560", np.random.default_rng(32))
+    plan = pp.follow(checker, path, **settings).or_raise()
+    assert wrong(plan, settings) == []
+    speed = np.linalg.norm(plan.trajectory.velocity(np.array(plan.trajectory.times)), axis=1)
+    assert (speed < 1e-9).sum() > 2
+
+
+def test_an_arm_on_a_rail_follows_a_path_longer_than_its_reach():
+    arm = arm_of("ur5")
+    rail = (
+        '<link name="rail"/><joint name="rail" type="prismatic"><parent link="rail"/><child link="world"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="1"/></joint></robot>'
+    )
+    arm = pp.load_robot(arm.robot.urdf.text.replace("</robot>", rail)).arm(tcp=arm.tcp)
+    line = np.column_stack([np.full(9, 0.5), np.linspace(-1.4, 1.4, 9), np.full(9, 0.2)])
+    path = ToolPath.through(line, UP, speed=0.3)
+    plan = pp.follow(pp.CollisionChecker(arm), path, rotations=6, redundant=12, step=0.1).or_raise()
+    assert wrong(plan, CHECKED) == []
+    assert np.ptp(plan.pieces[0].q[:, 0]) > 0.8

@@ -329,6 +329,16 @@ class AnalyticIk:
         tolerances = self.position_tolerance, self.orientation_tolerance
         return self_motion_of(arm, tolerances, plan.redundant[0], matrix, reference, self._grid(arm, plan, reference))
 
+    def redundant_joints(self, arm: Arm) -> tuple[int, ...]:
+        """The indices of the swept joints of an arm of seven or eight joints; empty for other arms.
+
+        Raises
+        ------
+        NoClosedForm
+            As :meth:`solve_all`.
+        """
+        return tuple(self._plan(arm).redundant)
+
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import replace
+from itertools import pairwise, product
 from typing import Any, Literal
 
 import numpy as np
@@ -76,12 +77,13 @@ def follow(
     tilts
         Number of directions in which the grid tilts the tool by half of ``rotation_deviation``, in addition to none.
     redundant
-        Number of values of the redundant joint of an arm of seven joints, such as a rail; by default 24, and 72 if the
-        rotation is not free.
+        Number of values of the redundant joint of an arm of seven joints, such as a rail, and of both of an arm of
+        eight; by default 24, and 72 for an arm of seven if the rotation is not free.
     deviation, rotation_deviation
         Allowed distance (m) of the tool from the path and angle (rad) from its orientation, at every instant. If the
-        rotation is free, the angle is that of the tool axis. Corners are rounded by less; the tool stops where the path
-        reverses its direction.
+        rotation is free, the angle is that of the tool axis, and a range of the rotation is kept to the same angle.
+        Corners are rounded by less; the tool stops where the path reverses its direction, and at sharp corners if their
+        roundings cannot be timed.
     speed_tolerance
         Share by which the tool may be slower than the speed of the path, for example 0.1, except where it starts and
         stops. By default, it may be slower where a joint does not permit the speed, and the result states the speed.
@@ -121,7 +123,7 @@ def follow(
     """
     require_type("checker", checker, CollisionChecker)
     given = path if isinstance(path, ToolPath) else ToolPath(path)
-    redundant = (72 if free_rotation is False else 24) if redundant is None else redundant
+    redundant = (72 if free_rotation is False and checker.arm.dof == 7 else 24) if redundant is None else redundant
     for name, value, least in (
         ("rotations", rotations, 1), ("tilts", tilts, 0), ("redundant", redundant, 2), ("lifts", lifts, 0),
         ("budget", budget, 0),
@@ -160,21 +162,24 @@ def follow(
         )
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
-    swept = None
+    joints: tuple[int, ...] = ()
     if arm.dof > 6:
         with contextlib.suppress(NoClosedForm):
-            swept = AnalyticIk(redundant_steps=redundant).redundant_grid(arm)
-    grid = Grid(angles, np.array([np.eye(3), *leans]), None if swept is None else swept[1])
+            joints = AnalyticIk().redundant_joints(arm)
+    lower, upper = arm.limits.sampling_range()
+    axes = [np.linspace(lower[joint], upper[joint], redundant) for joint in joints]
+    values = axes[0] if len(axes) == 1 else np.array(list(product(*axes))) if axes else None
+    grid = Grid(angles, np.array([np.eye(3), *leans]), values)
     # The least time of a step: the slowest joint makes a step of the grid
     speed = np.where(np.isfinite(arm.limits.velocity), arm.limits.velocity, 1.0)
     jump = np.where(arm.angular, JUMP, JUMP_METRES)
     finest = 0.0 if len(angles) < 2 else GRID_STEP * float(angles[1] - angles[0])
     steps = finest / float(speed[arm.angular].min(initial=np.inf))
-    if swept is not None:
-        width = GRID_STEP * float(np.diff(swept[1]).max())
-        steps = max(steps, width / float(speed[swept[0]]))
-        jump[swept[0]] = max(jump[swept[0]], width)
-        finest = max(finest, width * arm.angular[swept[0]])
+    for joint, axis in zip(joints, axes, strict=True):
+        width = GRID_STEP * float(axis[1] - axis[0])
+        steps = max(steps, width / float(speed[joint]))
+        jump[joint] = max(jump[joint], width)
+        finest = max(finest, width * arm.angular[joint])
     jump = np.where(arm.angular, np.maximum(jump, finest), jump)
     slowest = SLOWEST if speed_tolerance is None else 1.0 - speed_tolerance
     search = Search(
@@ -201,6 +206,9 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
             try:
                 timed[number] = timed_along(checker.arm, group, tolerance) if group else None
             except (TimingError, InputError) as error:
+                if not search.stops:  # once more, with stops at sharp corners, whose roundings bend too sharply
+                    fresh: dict[str, Any] = {"routes": [], "rungs": [], "extended": [], "refined": 0, "removed": 0}
+                    return _result(replace(search, stops=True, **fresh), speed_tolerance, lifts)
                 untimed = str(error)
         parts.append([part.trajectory for part in timed if part is not None])
         pieces.append(_piece(search, piece, timed[1]))

@@ -78,7 +78,7 @@ class Grid:
     """The values over which the nodes of a rung are computed.
 
     ``rotations`` (k,) are angles (rad) about the axis of the tool, ``tilts`` (m, 3, 3) rotations of the tool that come
-    before, and ``redundant`` (v,) values of the redundant joint, None for an arm without one.
+    before, and ``redundant`` (v,) values of the redundant joint, (v, 2) of two joints, None for an arm without one.
     """
 
     rotations: Array

@@ -47,6 +47,10 @@ SPIN = IkTask(rz=False)
 ROUNDED = 0.3
 # M: rungs are not added closer than this to each other.
 CLOSEST = 5e-4
+# Number of rungs whose nodes are computed at a time, which bounds the memory.
+BLOCK = 64
+# rad: larger changes of the direction of travel are sharp corners.
+SHARP = 0.5
 # m/s and rad/s: speed of the tool for which the costs are computed if none is stated.
 NOMINAL, NOMINAL_ROTATION = 0.25, 1.0
 # Number of configurations that are moved from rung to rung where the grid ends, over how many rungs, and the accuracy
@@ -63,22 +67,23 @@ WINDOW = 2.0
 
 @dataclass(frozen=True, eq=False)
 class FollowedPiece:
-    """A part of the path from one rung to another one, with the curve along each route or part of a route."""
+    """A part of the path from one rung to another one, with the curve along each route or part of a route.
+
+    ``groups`` are the curves of approach, path and departure, each with the speed of its pieces.
+    """
 
     first: int
     last: int
     course: Course
     grid_cost: float
     curves: list[RouteCurve]
-    groups: list[
-        list[tuple[CubicPath, Array]]
-    ]  # of the approach, the path and the departure, with the speed of the pieces
+    groups: list[list[tuple[CubicPath, Array]]]
     rotations: Array
 
 
 @dataclass(kw_only=True, eq=False)
 class Search:
-    """The state of :func:`follow`."""
+    """The state of :func:`follow`; with ``stops``, the tool stops at sharp corners of the path."""
 
     checker: CollisionChecker
     path: ToolPath
@@ -95,6 +100,7 @@ class Search:
     budget: int
     rng: int
     start: Array | None
+    stops: bool = False
     routes: list[Route] = field(default_factory=list)
     rungs: list[Rung] = field(default_factory=list)
     extended: list[Rung] = field(default_factory=list)
@@ -165,7 +171,8 @@ class Search:
         if self.whole:  # the rotation is free, so that the reference rotates as little as possible
             for index in range(1, len(frames)):
                 frames[index] = nearest_target(frames[index - 1], frames[index], SPIN)
-        lines = [(0.0, frames)]
+        corners = [0, *self._sharp(), len(frames) - 1] if self.stops else [0, len(frames) - 1]
+        lines = [(float(a), frames[a : b + 1]) for a, b in pairwise(corners)]
         if self.start is not None:
             here = arm.forward_kinematics(self.start)
             if self.whole:
@@ -184,13 +191,26 @@ class Search:
             self.rungs = [Rung(0, 0.0, matrix(frames[0]), 0.0)]
         self._fill(self.rungs)
         if self.start is not None:  # the only node of the first rung
-            one = self.start[None]
-            self.rungs[0].q, self.rungs[0].free = one, self.checker.is_free_batch(one)
+            outside = bool(arm.limits.violations(self.start, arm.joint_names))
+            one = self.start[None][int(outside) :]
+            self.rungs[0].q, self.rungs[0].free, self.rungs[0].outside = (
+                one,
+                self._allowed(one, self.rungs[:1] * len(one)),
+                int(outside),
+            )
             self.rungs[0].rates = np.zeros(int(self.rungs[0].free.sum()))
         self._connect()
 
+    def _sharp(self) -> list[int]:
+        """The poses at which the direction of travel changes by more than :data:`SHARP`."""
+        lengths = self.path.lengths[:, None]
+        steps = np.diff(self.path.poses[:, :3, 3], axis=0) / np.maximum(lengths, 1e-300)
+        return (1 + np.flatnonzero((steps[1:] * steps[:-1]).sum(axis=1) < np.cos(SHARP))).tolist()
+
     def _fill(self, rungs: list[Rung]) -> None:
-        fill(rungs, self.checker, self.grid, self.task, self.settings.costs, self.rng)
+        for first in range(0, len(rungs), BLOCK):
+            block = rungs[first : first + BLOCK]
+            fill(block, self.checker, self.grid, self.task, self.settings.costs, self.rng)
 
     def _connect(self) -> None:
         """The ladder graph over the rungs."""
@@ -354,10 +374,8 @@ class Search:
 
     def _add(self, rung: Rung, q: Array) -> None:
         """Add nodes q (k, n) without contact to a rung."""
-        rung.q, rung.free = (
-            np.concatenate([rung.q.reshape(-1, q.shape[1]), q]),
-            np.append(rung.free, np.full(len(q), True)),
-        )
+        rung.q = np.concatenate([rung.q.reshape(-1, q.shape[1]), q])
+        rung.free = np.append(rung.free, np.ones(len(q), dtype=bool))
         rung.rates = np.append(rung.rates, rates_of(self.checker, q, self.settings.costs))
 
     def _polished(self, first: int, course: Course) -> Course:

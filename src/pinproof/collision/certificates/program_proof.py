@@ -1,8 +1,8 @@
 """The certificate of a robot program: what the controller will execute, according to the text of the program.
 
-A joint move is a straight line in joint space. At a point with a blend the controller leaves the two lines; where its
+A joint move is a straight line in joint space. At a point with a blend the controller leaves the two moves; where its
 curve is not published, every configuration is covered that differs in each joint by at most the extent of the blend
-from the two lines within the blend. All lines are covered with the stated deviation of the controller.
+from the two moves within the blend. All moves are covered with the stated deviation of the controller.
 
 A linear move is a straight line of the tcp, whose poses are solved at samples. In between, the joint values are bounded
 as follows. Let J be the Jacobian with lengths divided by ``UNIT``, beta the norm of its inverse, and L a bound of the
@@ -77,10 +77,11 @@ ATTEMPTS = 10
 ROUNDED = 1e-9
 """rad: allowance for the errors of the poses at the samples."""
 
-TURN_SHARE = 1.5
-"""Share of the rotation of a line by which its orientation may deviate from a rotation about one axis at a constant
-rate. The interpolation of orientations is not published; every orientation is covered that is no farther from both ends
-than these are from each other."""
+TURN_STEP = 1e-3
+"""rad: sum of the rotations between two steps at which the documented interpolations of the orientation are compared."""
+
+TURN_ALLOWANCE = 1.25
+"""Factor of the largest difference between the documented interpolations that is covered."""
 
 
 class LineTrace(NamedTuple):
@@ -92,15 +93,18 @@ class LineTrace(NamedTuple):
 
 
 def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
-    """Return the joint values of an arm of six joints whose tcp moves on a straight line from ``start`` to a pose."""
+    """Return the joint values of an arm whose tcp moves on a straight line from ``start`` to a pose.
+
+    The last six joints, which must be revolute, follow the line; joints before them, such as a rail, rest.
+    """
     first = arm.forward_kinematics(start)
     shift, turn = target.translation - first.translation, pin.log3(first.rotation.T @ target.rotation)
     length, angle = float(np.linalg.norm(shift)) / UNIT, float(np.linalg.norm(turn))
     nothing = JointPath(start[None], arm.joint_names)
-    if arm.dof != 6 or not arm.angular.all():
-        return LineTrace(nothing, 0.0, "only arms of six revolute joints are supported")
-    whole = float(np.hypot(length, angle))
-    change = np.sqrt(arm.dof * (1.0 + (levers(arm) / UNIT) ** 2).sum())
+    if arm.dof < 6 or not arm.angular[-6:].all():
+        return LineTrace(nothing, 0.0, "only arms whose last six joints are revolute are supported")
+    whole, between = float(np.hypot(length, angle)), interpolation_difference(turn)
+    change = np.sqrt(6.0 * (1.0 + (levers(arm)[-6:] / UNIT) ** 2).sum())
     count, reason = max(FEWEST, int(whole / 0.01) + 1), ""
     while count <= MOST:
         poses = [
@@ -110,16 +114,39 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
         q, inverse, reason = _solved(arm, start, poses)
         if reason:
             return LineTrace(nothing, 0.0, reason)
-        chord, tube = _bounds(q, inverse, whole / count, change, TURN_SHARE * angle)
+        chord, tube = _bounds(q, inverse, whole / count, change, between)
         if chord <= CHORD and np.isfinite(tube):
             return LineTrace(JointPath(q, arm.joint_names), chord + tube + ROUNDED)
         if chord <= CHORD:
-            how = f"it rotates the tool by {angle:.2g} rad, and the interpolation of orientations is not published"
+            how = f"it rotates the tool by {angle:.2g} rad, and interpolations of the orientation differ by {between:.2g}"
             return LineTrace(nothing, 0.0, how)
         # The steps that the bounds need, if the norm does not exceed that at the samples by much.
         needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
         count = max(2 * count, int(1.3 * whole * needed))
     return LineTrace(nothing, 0.0, "the arm is near a singularity on it")
+
+
+def interpolation_difference(turn: Array) -> float:
+    """Return a bound (rad) of the difference between the documented interpolations of an orientation, and more.
+
+    The rotation ``turn`` (3,) is executed about one axis at a constant rate, or with two angles: an axis of the tool
+    moves on a great circle while the tool rotates about it, both at a constant rate. Any axis of the tool may be that
+    one. Between two samples the difference changes by at most the rates of all these rotations.
+    """
+    largest, whole = 0.0, pin.exp3(turn)
+    for axis in np.eye(3) if turn.any() else ():
+        swing, cosine = np.cross(axis, whole @ axis), float(axis @ whole @ axis)
+        sine = float(np.linalg.norm(swing))
+        if sine < SOLVED and cosine < 0.0:  # any great circle leads there
+            return float(np.pi)
+        swing *= np.arctan2(sine, cosine) / max(sine, SOLVED)
+        spin = axis * float(axis @ pin.log3(pin.exp3(swing).T @ whole))
+        rates = float(sum(np.linalg.norm(rotation) for rotation in (turn, swing, spin)))
+        count = int(rates / TURN_STEP) + 1
+        for share in np.linspace(0.0, 1.0, count + 1):
+            apart = pin.log3(pin.exp3(share * turn).T @ pin.exp3(share * swing) @ pin.exp3(share * spin))
+            largest = max(largest, float(np.linalg.norm(apart)) + rates / (2 * count))
+    return min(TURN_ALLOWANCE * largest, float(np.pi))
 
 
 def levers(arm: Arm) -> Array:
@@ -141,11 +168,11 @@ def _solved(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Array,
             here = arm.forward_kinematics(q)
             turn = here.rotation @ pin.log3(here.rotation.T @ pose.rotation)
             error = scale * np.concatenate([pose.translation - here.translation, turn])
-            jacobian = scale[:, None] * arm.jacobian(q)
+            jacobian = scale[:, None] * arm.jacobian(q)[:, -6:]
             if np.abs(error).max() <= SOLVED:
                 break
             try:
-                q = q + np.linalg.solve(jacobian, error)
+                q = np.concatenate([q[:-6], q[-6:] + np.linalg.solve(jacobian, error)])
             except np.linalg.LinAlgError:
                 reason = "the arm is singular on it"
                 break
@@ -228,7 +255,7 @@ class ProgramCertificate(Shown):
     notes: tuple[str, ...] = key("what the certificate assumes about the controller, and what it does not cover")
     overlaps: tuple[int, ...] = key(
         "lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may "
-        "skip a point, are at the first point, to which the move is not known, or no joint move follows them, so "
+        "skip a point, are at the first point, to which the move is not known, or no move follows them, so "
         "that the arm may stop before the point. The program is then UNDECIDED",
         default=(),
     )
@@ -306,7 +333,7 @@ class ProgramCertificate(Shown):
         if part is None:
             return (
                 f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, so that a "
-                "controller may skip a point, is at the first point, or no joint move follows it; reduce or remove it"
+                "controller may skip a point, is at the first point, or no move follows it; reduce or remove it"
             )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
@@ -340,19 +367,19 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     if program.joint_names != checker.arm.joint_names:
         own = ", ".join(checker.arm.joint_names)
         raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
-    program, traces, untraced = _traced(program, checker.arm)
+    program, traces, untraced = traced(program, checker.arm)
     parts = []
     # Each part that the controller executes is certified with its own tolerance.
-    for name, line, blend, curve, tolerance in _executed(program, checker.arm, traces):
-        certificate = certify(curve, checker, joint_tolerance=tolerance)
-        parts.append(ProgramPart(name, line, blend, certificate))
+    for part in executed_parts(program, checker.arm, traces):
+        certificate = certify(part.curve, checker, joint_tolerance=part.tolerance)
+        parts.append(ProgramPart(part.name, part.line, part.blend, certificate))
     notes = dict.fromkeys([*_notes(program, checker.arm), *(note for part in parts for note in part.certificate.notes)])
     # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.
-    overlaps = tuple(_overlaps(program, checker.arm))
+    overlapping = tuple(overlaps(program, checker.arm, traces))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
     untraced += tuple(unknown_speeds(program, checker.arm))
-    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, outside, untraced, outputs)
+    return ProgramCertificate(tuple(parts), tuple(notes), overlapping, outside, untraced, outputs)
 
 
 def export_program(
@@ -482,39 +509,66 @@ def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
     return longer
 
 
-def _executed(
-    program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]
-) -> Iterator[tuple[str, int, bool, Curve, Array]]:
-    """Yield the parts of a program: name, line, whether it is a blend, curve, and tolerance (n,) of each joint."""
+class ExecutedPart(NamedTuple):
+    """What a controller passes up to a ``line``: every configuration within ``tolerance`` (n,) of a curve."""
+
+    name: str
+    line: int
+    blend: bool
+    curve: Curve
+    tolerance: Array
+
+
+def executed_parts(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[ExecutedPart]:
+    """Yield the parts of a program whose linear moves are traced."""
     even = np.full(arm.dof, program.deviation)
-    names = program.joint_names
-    moves = program.moves
-    for step in moves:
+    for step in program.moves:
         if isinstance(step, StreamedTrajectory):
-            yield f"trajectory at line {step.line}", step.line, False, Trajectory.of_record(step.record), even
+            curve = Trajectory.of_record(step.record)
+            yield ExecutedPart(f"trajectory at line {step.line}", step.line, False, curve, even)
     # Moves are lines between their points, and blends corners of two such lines.
-    points = [(step, step.q) for step in moves if not isinstance(step, StreamedTrajectory) and step.q is not None]
-    if len(points) == 1:
-        (step, q) = points[0]
-        yield f"point at line {step.line}", step.line, False, JointPath(q[None], names), even
-    for (_, before), (after, q) in pairwise(points):
-        if isinstance(after, LinearMove):
-            trace = traces[after.line]
-            yield f"linear move at line {after.line}", after.line, False, trace.path, even + trace.tolerance
-            continue
-        name = f"move at line {after.line}"
-        yield name, after.line, False, JointPath(np.stack([before, q]), names), even
-    # At a blend, every configuration off the corner by as much as the blend extends is covered.
-    for (_, first), (at, q), (following, last) in zip(points, points[1:], points[2:], strict=False):
-        if not isinstance(at, JointMove) or at.blend is None or isinstance(following, LinearMove):
-            continue
-        into, out = (_share(at.blend, arm, q, other) * (other - q) for other in (first, last))
-        extent = np.maximum(np.abs(into), np.abs(out))
-        curve = JointPath(np.stack([q + into, q, q + out]), names)
-        yield f"blend at line {at.line}", at.line, True, curve, extent + even
+    moves = _paths(program, traces)
+    for step, path, tolerance in moves[0 if len(moves) == 1 else 1 :]:
+        what = "point" if len(moves) == 1 else "linear move" if isinstance(step, LinearMove) else "move"
+        yield ExecutedPart(f"{what} at line {step.line}", step.line, False, path, even + tolerance)
+    for (at, into, wide), (_, out, wider) in pairwise(moves[1:]):
+        if isinstance(at, JointMove | LinearMove) and at.blend is not None:
+            curve, extent = blend_cover(at.blend, arm, into, out)
+            name = f"blend at line {at.line}"
+            yield ExecutedPart(name, at.line, True, curve, extent + even + max(wide, wider))
 
 
-def _traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
+def _paths(program: RobotProgram, traces: Mapping[int, LineTrace]) -> list[tuple[Step, JointPath, float]]:
+    """The path of each move, and how far joints may be off it; of the first move, its end."""
+    paths = list[tuple[Step, JointPath, float]]()
+    for step in program.moves:
+        if isinstance(step, StreamedTrajectory) or step.q is None:
+            continue
+        if isinstance(step, LinearMove) and paths:
+            paths.append((step, traces[step.line].path, traces[step.line].tolerance))
+        else:
+            points = [*(path.end for _, path, _ in paths[-1:]), step.q]
+            paths.append((step, JointPath(np.stack(points), program.joint_names), 0.0))
+    return paths
+
+
+def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tuple[JointPath, Array]:
+    """Return the part of two moves that a blend between them may use, and its extent (n,) in each joint.
+
+    Every configuration off this part by no more than the extent is covered.
+    """
+    parts = []
+    for path in (into.reversed(), out):
+        points = _dense(path.q)
+        share, _ = zone_shares(blend, arm, path.q)
+        parts.append(points[: int(np.ceil(share * (len(points) - 1) - 1e-9)) + 1])
+    curve = JointPath(np.concatenate([parts[0][::-1], parts[1][1:]]), into.joint_names)
+    if len(into.q) == len(out.q) == 2:
+        curve = JointPath(curve.q[[0, len(parts[0]) - 1, -1]], into.joint_names)
+    return curve, np.abs(curve.q - into.end).max(axis=0)
+
+
+def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
     """Return the program with the configurations at the ends of its linear moves, the traces by line, and failures."""
     steps, traces, untraced = list[Step](), dict[int, LineTrace](), list[str]()
     here: Array | None = None
@@ -566,22 +620,24 @@ def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]
     return made
 
 
-def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
+def overlaps(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[int]:
     """Yield the lines of blends that may use the same part of a move as the previous blend, by their upper bounds.
 
-    A blend at the first point uses a part of the move to this point, which is not known. If no joint move follows, the
+    A blend at the first point uses a part of the move to this point, which is not known. If no move follows, the
     arm may stop before the point, or go on from there when the program begins again.
     """
     first = program.moves[0]
     if isinstance(first, JointMove) and first.blend is not None:
         yield first.line
+    paths = {step.line: path for step, path, _ in _paths(program, traces)}
     for before, at in pairwise((*program.steps, None)):
-        if not isinstance(before, JointMove) or before.blend is None:
+        if not isinstance(before, JointMove | LinearMove) or before.blend is None:
             continue
-        if not isinstance(at, JointMove):
+        if not isinstance(at, JointMove | LinearMove):
             yield before.line
         elif at.blend is not None:
-            used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
+            path = paths[at.line]
+            used = zone_shares(before.blend, arm, path.q)[0] + zone_shares(at.blend, arm, path.reversed().q)[0]
             if used > 1.0:
                 yield at.line
 
@@ -654,7 +710,7 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                     f"at least {needed[joint]:.4g} s within its limits"
                 )
         if isinstance(step, JointMove | LinearMove | StreamedPoint):
-            here, moving = step.q, isinstance(step, JointMove) and step.blend is not None
+            here, moving = step.q, isinstance(step, JointMove | LinearMove) and step.blend is not None
 
 
 def shortest_durations(travel: Array, limits: JointLimits, stops: int) -> Array:
@@ -707,19 +763,30 @@ def _stream_faults(
             )
 
 
-def _share(blend: Blend, arm: Arm, at: Array, other: Array) -> float:
-    """Return an upper bound of the share of the move between two points that a blend at the first may use.
+def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
+    """Return the share of a move from a point that a blend there may use: an upper bound, and the documented one.
 
-    For a blend with a radius it is the part of the move on which the tcp may be within the radius of its position at
-    the point. The tcp moves by at most ``lever . |dq|`` between two samples.
+    The points q (k, n) of the move begin at that of the blend. For a blend with a radius it is the part of the move on
+    which the tcp may be within the radius of its position at the point. The tcp moves by at most ``lever . |dq|``
+    between two samples.
     """
     if blend.radius is None:
-        return blend.share
-    shares = np.arange(0.0, 1.0 + SPACING, SPACING)
-    tcp = arm.forward_kinematics_batch(at + shares[:, None] * (other - at))[:, :3, 3]
-    slack = float(levers(arm) @ np.abs(other - at)) * SPACING
-    inside = np.linalg.norm(tcp - tcp[0], axis=1) <= blend.radius + slack
-    return float(min(shares[inside].max() + SPACING, 1.0))
+        return blend.share, blend.share
+    points = _dense(q)
+    spacing = 1.0 / (len(points) - 1)
+    tcp = arm.forward_kinematics_batch(points)[:, :3, 3]
+    slack = float((np.abs(np.diff(points, axis=0)) @ levers(arm)).max())
+    distances = np.linalg.norm(tcp - tcp[0], axis=1)
+    last = int(np.flatnonzero(distances <= blend.radius + slack).max())
+    first = int(np.argmax(np.append(distances, np.inf) > blend.radius))
+    return min((last + 1) * spacing, 1.0), (first - 1) * spacing
+
+
+def _dense(q: Array) -> Array:
+    """Points of a move at equal shares of it."""
+    if len(q) > 2:
+        return q
+    return np.asarray(q[0] + np.arange(0.0, 1.0 + SPACING, SPACING)[:, None] * (q[1] - q[0]))
 
 
 def _notes(program: RobotProgram, arm: Arm) -> Iterator[str]:
@@ -734,9 +801,9 @@ def _notes(program: RobotProgram, arm: Arm) -> Iterator[str]:
     if any(isinstance(step, LinearMove) for step in program.steps):
         yield (
             "linear moves: the tool of the controller is at the tcp of the arm, its base frame is that of the arm, and "
-            f"the orientation stays within {TURN_SHARE:g} times its whole rotation of a rotation about one axis"
+            "the orientation is that of a rotation about one axis, or of two angles"
         )
-    blends = [step.blend for step in program.moves if isinstance(step, JointMove) and step.blend is not None]
+    blends = [s.blend for s in program.moves if isinstance(s, JointMove | LinearMove) and s.blend is not None]
     if any(blend.radius is not None for blend in blends):
         yield "the radius of blends is measured at the tcp of the arm; set the same tcp at the controller"
     if any(isinstance(step, Wait) for step in program.steps):

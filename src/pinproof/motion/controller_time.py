@@ -1,0 +1,253 @@
+"""The motion of a controller that executes moves, by the rules that its manual documents.
+
+All joints of a joint move begin and end together: the share of its line that is passed has a trapezoidal speed, as fast
+as the limits of all joints permit. A linear move has a trapezoidal speed of the tcp, for which the joints stay within
+their limits on the complete line. Where a point is blended, the next move begins while the one before decelerates, when
+the arm enters the zone of the point, and the displacements of both add up; both accelerate there only as much as the
+joints permit for the sum. Therefore the arm is within both zones while two moves are superposed, no joint is faster than
+on one of the moves, and the motion of joint moves is piecewise quadratic.
+
+Manuals: Universal Robots, *URScript*, ``movej`` and ``movel``: trapezoidal speed profiles; KUKA, *KSS System Software,
+Operating and Programming Instructions for System Integrators*: synchronous PTP, approximate positioning; FANUC,
+*HandlingTool Setup and Operations Manual*: a motion with CNT begins while the one before decelerates; ABB, *RAPID
+Overview*, interpolation of corner paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from pinproof.common.structs import described, key
+from pinproof.model import JointLimits
+from pinproof.motion.paths import JointPath
+from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import Array
+
+# Speeds of a linear move that are compared, as shares of the largest that the velocities of the joints permit.
+SPEEDS = np.linspace(0.05, 1.0, 39)
+# Share of the limits that linear moves use, whose rates are compared at samples.
+SAMPLED = 0.995
+# rad/s and rad/s^2: in place of limits that are not known.
+UNLIMITED = 1e6
+# s: a move of a single point.
+SHORTEST = 1e-4
+
+
+@described(eq=False)
+class ControllerMove:
+    """A move of a controller: its path, and the zone of its end if it is blended."""
+
+    path: JointPath = key(
+        "the line in joint space of a joint move, or points (k, n) at equal distances on the line of the tcp"
+    )
+    duration: float | None = key("as stated, or None for the shortest", "s", default=None)
+    zone: tuple[float, float] | None = key(
+        "the shares of this move and of the next one that are in the zone of the end; None for a stop", default=None
+    )
+    speed: float = key("share of the velocities of the joints that the move uses", default=1.0)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A trapezoidal speed: shares per second at its top, and per second^2 at its beginning and its end."""
+
+    top: float
+    gain: float
+    loss: float
+
+    @property
+    def peak(self) -> float:
+        """The largest speed that is reached."""
+        return min(self.top, float(np.sqrt(2.0 / (1.0 / self.gain + 1.0 / self.loss))))
+
+    @property
+    def ramps(self) -> tuple[float, float]:
+        """Seconds of acceleration and of deceleration."""
+        return self.peak / self.gain, self.peak / self.loss
+
+    @property
+    def duration(self) -> float:
+        """Seconds from rest to rest."""
+        return 1.0 / self.peak + sum(self.ramps) / 2.0
+
+    def lasting(self, duration: float) -> Profile:
+        """The profile of the same form with another duration."""
+        slower = self.duration / duration
+        return Profile(self.top * slower, self.gain * slower**2, self.loss * slower**2)
+
+    def seconds_from_start(self, share: float) -> float:
+        """Seconds in which the first ``share``, at most that of the acceleration, is passed."""
+        return min(float(np.sqrt(2.0 * share / self.gain)), self.ramps[0])
+
+    def seconds_to_end(self, share: float) -> float:
+        """Seconds in which the last ``share``, at most that of the deceleration, is passed."""
+        return min(float(np.sqrt(2.0 * share / self.loss)), self.ramps[1])
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """The shares passed, and their rates, at times from the start; constant before and after the move."""
+        first, last = self.ramps
+        t = np.clip(times, 0.0, self.duration)
+        left = self.duration - t
+        middle = self.peak * (t - first / 2.0)
+        shares = np.where(t < first, self.gain * t**2 / 2.0, np.where(left < last, 1.0 - self.loss * left**2 / 2.0, middle))
+        rates = np.where(t < first, self.gain * t, np.where(left < last, self.loss * left, self.peak))
+        return shares, np.where((times < 0.0) | (times > self.duration), 0.0, rates)
+
+
+def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile:
+    """The fastest trapezoidal profile with equal accelerations at which every joint is within its limits on a move."""
+    velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
+    acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
+    if not np.ptp(path.q, axis=0).any():
+        return Profile(2.0 / SHORTEST, 4.0 / SHORTEST**2, 4.0 / SHORTEST**2)
+    if len(path.q) == 2:
+        travel = np.maximum(np.abs(path.q[1] - path.q[0]), 1e-12)
+        gain = float((acceleration / travel).min())
+        return Profile(float((velocity / travel).min()), gain, gain)
+    # At the speed v a joint needs |q''| v^2 for the bend of its curve; the rest is left for the acceleration
+    slope, bend = (np.abs(spline_of(path)(np.linspace(0.0, 1.0, 2 * len(path.q) - 1), order)) for order in (1, 2))
+    slope = np.maximum(slope, 1e-12)
+    best: Profile | None = None
+    for top in SPEEDS * SAMPLED * float((velocity / slope).min()):
+        left = float(((SAMPLED * acceleration - bend * top**2) / slope).min())
+        if left <= 0.0:
+            break
+        made = Profile(float(top), left, left)
+        best = made if best is None or made.duration < best.duration else best
+    return best or Profile(float(top) * 1e-3, UNLIMITED, UNLIMITED)
+
+
+def spline_of(path: JointPath) -> CubicSpline:
+    """The curve through the points of a move, by the share of it that is passed."""
+    return CubicSpline(np.linspace(0.0, 1.0, len(path.q)), path.q)
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerMotion:
+    """The motion between two stops: its ``moves`` from ``starts`` (s) with their ``profiles``, and the ``trajectory``."""
+
+    moves: tuple[ControllerMove, ...]
+    profiles: tuple[Profile, ...]
+    starts: tuple[float, ...]
+    trajectory: Trajectory
+
+    @property
+    def duration(self) -> float:
+        """Seconds from rest to rest."""
+        return self.starts[-1] + self.profiles[-1].duration
+
+
+def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> ControllerMotion:
+    """The motion of moves that are blended at all points between them."""
+    profiles = [fastest(move.path, limits, move.speed) for move in moves]
+    curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
+    acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
+
+    def tangent(number: int, at: float) -> Array:
+        curve, q = curves[number], moves[number].path.q
+        return np.asarray(q[1] - q[0] if curve is None else curve(at, 1))
+
+    # Both moves at a blend accelerate less if the sum of the accelerations of a joint exceeds its limit
+    for k in range(len(moves) - 1):
+        both = profiles[k + 1].gain * tangent(k + 1, 0.0) - profiles[k].loss * tangent(k, 1.0)
+        more = max(1.0, float((np.abs(both) / acceleration).max()))
+        profiles[k] = replace(profiles[k], loss=profiles[k].loss / more)
+        profiles[k + 1] = replace(profiles[k + 1], gain=profiles[k + 1].gain / more)
+    profiles = [p if m.duration is None else p.lasting(m.duration) for m, p in zip(moves, profiles, strict=True)]
+    # Each move begins when the one before enters the zone, so that both are in it until that one ends
+    starts = [0.0]
+    for (move, profile), following in zip(zip(moves, profiles, strict=True), profiles[1:], strict=False):
+        into, out = move.zone or (0.0, 0.0)
+        both_seconds = min(profile.seconds_to_end(into), following.seconds_from_start(out))
+        starts.append(starts[-1] + profile.duration - both_seconds)
+    return ControllerMotion(tuple(moves), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
+
+
+def _trajectory(
+    moves: Sequence[ControllerMove],
+    profiles: Sequence[Profile],
+    starts: Sequence[float],
+    curves: Sequence[CubicSpline | None],
+) -> Trajectory:
+    """The sum of the displacements of all moves."""
+    # Between these times the speed of every move is linear in time
+    knots = [0.0]
+    for move, profile, start in zip(moves, profiles, starts, strict=True):
+        end = start + profile.duration
+        knots += [start, start + profile.ramps[0], end - profile.ramps[1], end]
+        if len(move.path.q) > 2:
+            knots += np.linspace(start, end, 2 * len(move.path.q)).tolist()
+    times = np.unique(np.round(knots, 9))
+    q = np.tile(moves[0].path.q[0], (len(times), 1))
+    rates = np.zeros_like(q)
+    for move, profile, start, curve in zip(moves, profiles, starts, curves, strict=True):
+        shares, speeds = profile.at(times - start)
+        if curve is None:
+            travel = move.path.q[1] - move.path.q[0]
+            q += shares[:, None] * travel
+            rates += speeds[:, None] * travel
+        else:
+            q += curve(shares) - move.path.q[0]
+            rates += speeds[:, None] * curve(shares, 1)
+    rates[[0, -1]] = 0.0
+    return Trajectory(times, q, rates, moves[0].path.joint_names)
+
+
+# -- few moves ---------------------------------------------------------------------------------------------------------
+
+# Shares by which an inner point of a path is moved towards the line between its neighbours.
+PULLS = (0.75, 0.5, 0.25)
+# Seconds that the change of a point must save.
+GAIN = 1e-3
+
+
+def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Array], bool]) -> Array | None:
+    """The fastest path of joint moves with stops through some of points (k, n), from the first to the last of them.
+
+    Every line is ``proven``; None if no path is. Only lines of the fastest path that remains are proven, so that few
+    proofs are needed. Inner points are then moved towards the line between their neighbours.
+    """
+
+    def seconds(one: Array, other: Array) -> Array:
+        travel = np.maximum(np.abs(other - one), 1e-12)
+        gain = (np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration) / travel).min(axis=-1)
+        top = (np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity) / travel).min(axis=-1)
+        peak = np.minimum(top, np.sqrt(gain))
+        return np.asarray(1.0 / peak + peak / gain)
+
+    last, known = len(points) - 1, set[tuple[int, int]]()
+    edges = seconds(points[:, None], points[None])
+    while True:
+        # The fastest path to each point
+        cost, via = np.zeros(len(points)), np.zeros(len(points), dtype=int)
+        for k in range(1, len(points)):
+            ways = cost[:k] + edges[:k, k]
+            via[k] = ways.argmin()
+            cost[k] = ways[via[k]]
+        if not np.isfinite(cost[last]):
+            return None
+        order = [last]
+        while order[-1]:
+            order.append(int(via[order[-1]]))
+        steps = sorted(set(pairwise(order[::-1])) - known, key=lambda step: step[0] - step[1])
+        failed = next((step for step in steps if not proven(points[step[0]], points[step[1]])), None)
+        if failed is None:
+            break
+        known.update(step for step in steps[: steps.index(failed)])
+        edges[failed] = np.inf
+    path = points[order[::-1]].copy()
+    for k in (*range(1, len(path) - 1), *reversed(range(1, len(path) - 1))):
+        before, after = path[k - 1], path[k + 1]
+        along = np.clip((path[k] - before) @ (after - before) / max(float((after - before) @ (after - before)), 1e-12), 0, 1)
+        for share in PULLS:
+            there = path[k] + share * (before + along * (after - before) - path[k])
+            saved = seconds(before, path[k]) + seconds(path[k], after) - seconds(before, there) - seconds(there, after)
+            if saved > GAIN and proven(before, there) and proven(there, after):
+                path[k] = there
+                break
+    return path

@@ -1,6 +1,14 @@
 """Curves in joint space: paths, timed trajectories, and time parametrisation."""
 
 from pinproof.common import faces
+from pinproof.motion.controller_time import (
+    ControllerMotion as ControllerMotion,
+    ControllerMove as ControllerMove,
+    Profile as Profile,
+    controller_motion as controller_motion,
+    fastest as fastest,
+    fewest_moves as fewest_moves,
+)
 from pinproof.motion.curve import (
     MEET_TOLERANCE as MEET_TOLERANCE,
     Bezier as Bezier,

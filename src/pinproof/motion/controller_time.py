@@ -50,6 +50,7 @@ class ControllerMove:
         "the shares of this move and of the next one that are in the zone of the end; None for a stop", default=None
     )
     speed: float = key("share of the velocities of the joints that the move uses", default=1.0)
+    top: float | None = key("largest share of the move that is passed in a second, as stated", default=None)
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,7 @@ class ControllerMotion:
 def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> ControllerMotion:
     """The motion of moves that are blended at all points between them."""
     profiles = [fastest(move.path, limits, move.speed) for move in moves]
+    profiles = [p if m.top is None else replace(p, top=min(p.top, m.top)) for m, p in zip(moves, profiles, strict=True)]
     curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
 

@@ -39,6 +39,8 @@ from pinproof.motion import (
     Blend,
     Curve,
     JointMap,
+    ControllerMotion,
+    ControllerMove,
     JointMove,
     JointPath,
     LinearMove,
@@ -49,6 +51,7 @@ from pinproof.motion import (
     StreamedTrajectory,
     Trajectory,
     Wait,
+    controller_motion,
     find_dialect,
     make_program,
     moves_along,
@@ -550,6 +553,43 @@ def _paths(program: RobotProgram, traces: Mapping[int, LineTrace]) -> list[tuple
             points = [*(path.end for _, path, _ in paths[-1:]), step.q]
             paths.append((step, JointPath(np.stack(points), program.joint_names), 0.0))
     return paths
+
+
+def program_motions(
+    program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]
+) -> list[tuple[tuple[int, ...], ControllerMotion]]:
+    """Return the motions between the stops of a program by the rules of its controller, with the lines of their moves.
+
+    The move to the first point is not one of them.
+    """
+    motions = list[tuple[tuple[int, ...], ControllerMotion]]()
+    lines, moves = list[int](), list[ControllerMove]()
+    paths = _paths(program, traces)
+    for (step, path, _), following in zip(paths[1:], [*paths[2:], None], strict=True):
+        lines.append(step.line)
+        blend = step.blend if isinstance(step, JointMove | LinearMove) else None
+        zone = None
+        if blend is not None and following is not None:
+            zone = zone_shares(blend, arm, path.reversed().q)[1], zone_shares(blend, arm, following[1].q)[1]
+        moves.append(_controller_move(step, path, arm, zone))
+        if zone is None:
+            motions.append((tuple(lines), controller_motion(moves, arm.limits)))
+            lines, moves = [], []
+    return motions
+
+
+def _controller_move(step: Step, path: JointPath, arm: Arm, zone: tuple[float, float] | None) -> ControllerMove:
+    """The move of a step with its zone, at the speed that the text states."""
+    if isinstance(step, LinearMove) and step.speed is not None:
+        ends = [arm.forward_kinematics(q).translation for q in (path.start, path.end)]
+        length = float(np.linalg.norm(ends[1] - ends[0]))
+        return ControllerMove(path, step.duration, zone, top=step.speed / max(length, 1e-9))
+    if isinstance(step, JointMove):
+        travel = float(np.abs(path.end - path.start).max())
+        top = None if step.speed is None else step.speed / max(travel, 1e-9)
+        return ControllerMove(path, step.duration, zone, (step.percent or 100) / 100.0, top)
+    period = step.period if isinstance(step, StreamedPoint) else None
+    return ControllerMove(path, getattr(step, "duration", period), zone)
 
 
 def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tuple[JointPath, Array]:

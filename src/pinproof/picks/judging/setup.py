@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -27,7 +27,7 @@ from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
 from pinproof.picks.grasps.proposals import with_proposals
-from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
@@ -42,7 +42,13 @@ from pinproof.picks.judging.task import (
     torque_limits_of_tool,
     with_hand,
 )
-from pinproof.picks.judging.timing import certify_displaced, part_again, prove_part
+from pinproof.picks.judging.timing import (
+    ExecutedMotion,
+    certify_displaced,
+    part_again,
+    prove_executed,
+    prove_part,
+)
 from pinproof.picks.judging.verdict import PickVerdict, member_of
 from pinproof.spatial import twist_size, xyz_rpy
 
@@ -167,7 +173,30 @@ class PickSetup:
         with files_examined_once():
             return judge(pick, self.cell, self.rng(index))
 
-    def recertify(self, program: MotionProgram, pick: Pick, *, deviation: float = 0.0) -> tuple[Certificate, ...]:
+    def made_by(self, pick: Pick, member: str) -> tuple[PickTask, Member]:
+        """The grasp of a pick with which a program was made, by its name; only that one has its hand.
+
+        Raises
+        ------
+        InputError
+            If the pick has no such grasp.
+        """
+        grasps = (own for own in self.shared.grasps_of(pick) if member.startswith(own.grasp or ""))
+        tasks = (PickTask(own, self.cell) for own in grasps)
+        families = ((task, each) for task in tasks for group in task.groups() for each in group)
+        for task, each in families:
+            if member_of(task.pick.grasp, each.words) == member:
+                return task, each
+        raise InputError(f"pick {pick.name!r} has no grasp {member!r}, with which the program was made")
+
+    def recertify(
+        self,
+        program: MotionProgram,
+        pick: Pick,
+        *,
+        deviation: float = 0.0,
+        executed: Mapping[str, ExecutedMotion] | None = None,
+    ) -> tuple[Certificate, ...]:
         """Certify the motions of a program again in this setup.
 
         Parameters
@@ -180,6 +209,8 @@ class PickSetup:
             rad or m: the proofs also cover configurations that differ by no more than this in each joint, except on
             motions on which a part is lifted off a support, or put onto it. The depth of bodies of the hand in the
             part is limited without it.
+        executed
+            What a controller executes instead of the motions, by the keys of their certificates.
 
         Returns
         -------
@@ -198,14 +229,7 @@ class PickSetup:
             own = ", ".join(arm.joint_names)
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         require_positive("deviation", deviation, zero=True)
-        # The grasp with which the program was made; only that of its name has its hand
-        grasps = (own for own in self.shared.grasps_of(pick) if program.member.startswith(own.grasp or ""))
-        tasks = (PickTask(own, self.cell) for own in grasps)
-        families = ((task, each) for task in tasks for group in task.groups() for each in group)
-        made = ((task, own) for task, own in families if member_of(task.pick.grasp, own.words) == program.member)
-        task, member = next(made, (None, None))
-        if task is None or member is None:
-            raise InputError(f"pick {pick.name!r} has no grasp {program.member!r}, with which the program was made")
+        task, member = self.made_by(pick, program.member)
         # What is wrong at the events, by the key of the certificate of the motion that ends there: the tip is not where
         # the pick grasps or puts down, the hand does not hold the part there, or the events are not those of the pick
         faults: dict[str, str] = {}
@@ -230,9 +254,12 @@ class PickSetup:
         found = []
         for key, trajectory in program.motions.items():
             part = part_again(task, member, program.certificates[key].name, trajectory)
-            proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
+            if executed is None:
+                proof, timed = prove_part(part, trajectory, 0.0 if part.parting else deviation), trajectory
+            else:
+                proof, timed = prove_executed(part, executed[key]), executed[key].timed
             hold = task.hold(member) if part.name in CARRYING else None
-            if hold is not None and not (peak := hold.peak(trajectory)).holds:
+            if hold is not None and not (peak := hold.peak(timed)).holds:
                 faults[key] = "; ".join(filter(None, [faults.get(key), f"the part {peak}"]))
             if fault := faults.get(key):
                 message = f"{fault}; {proof.message}"

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, Upright, certify, curve_hash
+from pinproof.collision import Certificate, CollisionChecker, ExecutedPart, Upright, certify, curve_hash
 from pinproof.common.steps import step
 from pinproof.errors import InputError, SlipError, TimingError
 from pinproof.model import Arm
@@ -22,6 +23,7 @@ from pinproof.motion import (
     BlendedPath,
     Bounds,
     CubicPath,
+    Curve,
     JointPath,
     RateConstraint,
     Trajectory,
@@ -457,22 +459,53 @@ def motion_parts(
     return [part_of(task, member, name, own, parting.get(name, ())) for name, own in curves.items() if own]
 
 
-def prove_part(part: MotionPart, trajectory: Trajectory, joint_tolerance: float = 0.0) -> Certificate:
-    """The certificate of a timed part; of several conditions, that of the first that is not proven."""
+def prove_part(part: MotionPart, curve: Curve, joint_tolerance: npt.ArrayLike = 0.0) -> Certificate:
+    """The certificate of a part; of several conditions, that of the first that is not proven."""
     if not part.backwards or not part.parting:
         proof = certify(
-            trajectory,
+            curve,
             part.checker,
             joint_tolerance=joint_tolerance,
             parting=part.parting,
             constraints=part.constraints,
         )
     else:
-        proof = certify(backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
+        proof = certify(curve.reversed() if isinstance(curve, JointPath) else backwards(curve), part.checker, parting=part.parting, constraints=part.constraints)
         # both directions have the same configurations, so the proof applies to both
-        proof = replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
+        proof = replace(proof, curve=curve_hash(curve), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
-        q = trajectory.start if part.name == "leave" else trajectory.end
-        if (failure := part.passing.prove(trajectory, q, deviation=joint_tolerance)) is not None:
+        q = curve.start if part.name == "leave" else curve.end
+        if (failure := part.passing.prove(curve, q, deviation=float(np.max(joint_tolerance)))) is not None:
             return replace(failure.proof, message=failure.reason)
+    return proof
+
+
+@dataclass(frozen=True, eq=False)
+class ExecutedMotion:
+    """What a controller executes of a motion: its moves and its blends, and when.
+
+    Each joint may differ from ``path`` by ``tolerance`` (n,), and from each of the ``blends`` by its own tolerance.
+    ``timed`` is the motion by the rules of the controller between the stops before and after it.
+    """
+
+    path: JointPath
+    tolerance: Array
+    blends: tuple[ExecutedPart, ...]
+    timed: Trajectory
+
+
+def prove_executed(part: MotionPart, executed: ExecutedMotion) -> Certificate:
+    """The certificate of what a controller executes; of several conditions, that of the first that is not proven.
+
+    No deviation is covered where the part is on a support, which it would press into the part.
+    """
+    tolerance = np.zeros_like(executed.tolerance) if part.parting else executed.tolerance
+    proof = prove_part(part, executed.path, tolerance)
+    for blend in executed.blends:
+        if not proof.free:
+            break
+        own = prove_part(replace(part, parting=()), blend.curve, blend.tolerance)
+        proof = replace(proof, clearance=min(proof.clearance, own.clearance)) if own.free else replace(
+            own, message=f"{blend.name}: {own.message}"
+        )
     return proof

@@ -8,56 +8,91 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pinproof.collision import Certificate, CertificateStatus, feasible, speed_violations, unknown_speeds
+from pinproof.collision import (
+    Certificate,
+    CertificateStatus,
+    ExecutedPart,
+    blend_cover,
+    executed_parts,
+    is_proven_free,
+    overlaps,
+    program_motions,
+    speed_violations,
+    trace_line,
+    traced,
+    unknown_speeds,
+    zone_shares,
+)
 from pinproof.common.results import Shown, View
 from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
 from pinproof.motion import (
     MEET_TOLERANCE,
+    Blend,
+    ControllerMotion,
+    ControllerMove,
     JointMap,
     JointMove,
     JointPath,
+    LinearMove,
     MotionProgram,
     MotionRecord,
+    Profile,
     ProgramEvent,
     ProgramPick,
     ProgramSegment,
     RobotProgram,
     SetOutput,
     Step,
+    ToolLimits,
     Wait,
     certificate_id,
+    controller_motion,
+    fastest,
+    fewest_moves,
     find_dialect,
     is_program_file,
     make_program,
-    moves_along,
     time_parametrise,
 )
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import MOUNTED
 from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.task import rate_limits
+from pinproof.picks.judging.timing import ExecutedMotion, MotionPart, part_again, prove_part
+from pinproof.spatial import SE3, Array
 
 
 @dataclass(frozen=True, eq=False)
 class PicksProgram:
     """A ``program`` that executes picks, as read from its text, with the ``certificates`` of the motions of each pick.
 
-    The ``notes`` state what the certificates do not cover, in sentences.
+    ``duration`` is that of the program in seconds by the rules of its controller, ``motion_duration`` that of the
+    motions of the picks, both with the waiting times. The ``notes`` state what the certificates do not cover, in
+    sentences.
     """
 
     program: RobotProgram
     certificates: tuple[tuple[Certificate, ...], ...]
+    duration: float
+    motion_duration: float
     notes: tuple[str, ...] = ()
 
     @property
     def free(self) -> bool:
         """Whether every motion is proven."""
         return all(each.free for motions in self.certificates for each in motions)
+
+    @property
+    def longer(self) -> float:
+        """By which share the program takes longer than the motions of the picks."""
+        return self.duration / self.motion_duration - 1.0
 
 
 def export_picks(
@@ -67,16 +102,15 @@ def export_picks(
     *,
     output: str,
     name: str = "picks",
-    tolerance: float = 0.0005,
     deviation: float | None = None,
     joint_map: JointMap | None = None,
 ) -> PicksProgram:
     """Write good picks as one program with gripper outputs and waiting times, and certify what it executes.
 
-    The arm stops at every point of the program, because the contact of the part with its support permits no
-    deviation in a blend. The motions are certified as straight lines between the points, as the text rounds them,
-    under the conditions of each part of a pick. Motions on which a part is lifted off a support, or put onto it, are
-    certified without the deviation of the controller, which would press the part into the support.
+    Approach, retreat, place and leave are linear moves. Between them there are as few joint moves as are proven, from
+    which the arm passes into the linear moves without a stop, in zones as large as are proven. The linear moves next to
+    the part are certified under the conditions of each part of a pick; those on which a part is lifted off a support,
+    or put onto it, without the deviation of the controller, which would press the part into the support.
 
     Parameters
     ----------
@@ -90,10 +124,8 @@ def export_picks(
         The digital output that closes the gripper: a number, or for RAPID a name.
     name
         The name of the program.
-    tolerance
-        rad: largest deviation of the lines from the motions, at samples of them.
     deviation
-        rad: by how much each joint may deviate from the lines, which the text of the program states; by default that of
+        rad: by how much each joint may deviate from the moves, which the text of the program states; by default that of
         the language, as for :func:`pinproof.collision.export_program`.
     joint_map
         The joint values of the controller from those of the model, if they differ.
@@ -119,33 +151,26 @@ def export_picks(
             f"the picks use the tools {', '.join(sorted(map(str, tools)))}, but a program does not change the tool; "
             "export the picks of each tool"
         )
-    deviation = find_dialect(dialect).deviation if deviation is None else deviation
-    # Moves along the motions of each pick, with the outputs and waiting times between them
-    counts, steps = list[list[int]](), list[Step]()
-    for _, program in picks:
-        counts.append([])
+    language = find_dialect(dialect)
+    deviation = language.deviation if deviation is None else deviation
+    # The moves of each pick, with the outputs and waiting times between them
+    steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
+    executed = list[ProgramPick]()
+    for pick, program in picks:
+        made = PickMoves(setup, pick, program, deviation, language.zones)
+        counts = list[tuple[str, int]]()
         for segment in program.segments:
-            moves = moves_along(segment.trajectory, tolerance=tolerance)
-            steps += moves[1:] if steps else moves
-            counts[-1].append(len(moves))
+            moves = made.moves[segment.name]
+            steps += moves
+            counts.append((segment.name, len(moves)))
             for event in program.events:
                 if math.isclose(event.time, segment.end, abs_tol=1e-9):
                     steps.append(SetOutput(output, event.kind == "grip"))
                     steps += [Wait(event.dwell)] if event.dwell > 0 else []
-    # The program, of which every point can be reached in the stated time
-    names = picks[0][1].joint_names
-    steps = feasible(steps, setup.checker.arm)
-    executed = [
-        ProgramPick(
-            pick.name,
-            program.member,
-            tuple((segment.name, count - 1) for segment, count in zip(program.segments, lengths, strict=True)),
-        )
-        for (pick, program), lengths in zip(picks, counts, strict=True)
-    ]
+        executed.append(ProgramPick(pick.name, program.member, tuple(counts)))
     write = partial(
         make_program,
-        joint_names=names,
+        joint_names=picks[0][1].joint_names,
         dialect=dialect,
         name=name,
         deviation=deviation,
@@ -159,7 +184,229 @@ def export_picks(
         records = [each.motion_record() for motions in certificates for each in motions]
         text = json.dumps([record.to_dict() for record in records], sort_keys=True)
         written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest(), uncovered="; ".join(notes))
-    return PicksProgram(written, certificates, notes)
+    duration = program_duration(written, setup.checker.arm)
+    return PicksProgram(written, certificates, duration, sum(program.duration for _, program in picks), notes)
+
+
+SAMPLES = (25, 97)
+"""Numbers of points of a motion among which the ends of joint moves are chosen."""
+
+COVERED = 4e-4
+"""rad: what zones are proven with, beside the deviation, because joint values are rounded and linear moves are traced."""
+
+ROUNDS = 6
+"""How often moves are made slower until all limits are kept."""
+
+
+class NoMoves(InputError):
+    """No joint moves between two points of a pick are proven."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """The line of a stage, from the part outwards, and the share of it that must be straight."""
+
+    stage: str
+    path: JointPath
+    straight: float
+
+    def shares(self) -> tuple[float, ...]:
+        """The shares of the line that a linear move may have, next to the part."""
+        return (1.0,) if self.straight == 1.0 else (1.0, (1.0 + self.straight) / 2.0, self.straight)
+
+    def cut(self, share: float) -> JointPath:
+        """The part of the line next to the part."""
+        count = max(round(share * (len(self.path.q) - 1)), 2)
+        return JointPath(self.path.q[: count + 1], self.path.joint_names)
+
+
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """Moves from stop to stop: the stage and the path of each, the blend at its end, and the motion of all."""
+
+    stages: tuple[str, ...]
+    blends: tuple[Blend | None, ...]
+    motion: ControllerMotion
+
+
+class PickMoves:
+    """The moves of a pick by the names of the motions of its program.
+
+    A free motion becomes joint moves, and the motions next to the part linear moves. A linear move may begin or end
+    nearer to the part than the motion does, as long as the share that must be straight remains, also beside the zone.
+    """
+
+    def __init__(
+        self, setup: PickSetup, pick: Pick, program: MotionProgram, deviation: float, zones: Sequence[Blend]
+    ) -> None:
+        self._task, self._member = setup.made_by(pick, program.member)
+        self._arm, self._deviation, self._zones = setup.checker.arm, deviation, zones
+        self.moves: dict[str, list[JointMove | LinearMove]] = {segment.name: [] for segment in program.segments}
+        stretch, here = list[ProgramSegment](), program.segments[0].trajectory.start
+        for segment in program.segments:
+            stretch.append(segment)
+            if segment is program.segments[-1] or any(abs(event.time - segment.end) < 1e-9 for event in program.events):
+                self._parts = {
+                    own.name: part_again(
+                        self._task, self._member, program.certificates[own.certificate].name, own.trajectory
+                    )
+                    for own in stretch
+                }
+                here = self._add(stretch, here)
+                stretch = []
+
+    def _add(self, stretch: Sequence[ProgramSegment], here: Array) -> Array:
+        """Add the fastest moves from stop to stop, and return their end."""
+        pick, place, member = self._task.pick, self._task.place, self._member
+        end, last = stretch[-1].trajectory.end, stretch[-1].name
+        grasped = self.moves and any(self.moves.values())  # the moves before this stretch
+        out = into = None
+        if not grasped:  # towards the part
+            into = self._line("approach", end, pick.before(self._task.grasp(member)), pick.approach)
+        elif last in ("leave", "retreat") or place is None:
+            stage = "leave" if last == "leave" else "retreat"
+            pose = place.after(self._task.release(member)) if last == "leave" and place else pick.after(self._task.grasp(member))
+            out = self._line(stage, here, pose, 1.0)
+        else:
+            out = self._line("retreat", here, pick.after(self._task.grasp(member)), pick.retreat)
+            into = self._line("place", end, place.before(self._task.release(member)), place.approach)
+        alone = out is not None and into is None
+        options = product(
+            [None] if out is None else [1.0] if alone else out.shares(), [None] if into is None else into.shares()
+        )
+        made = [
+            self._between(stretch, here, end, (out, leaving), (into, entering), alone=alone)
+            for leaving, entering in options
+        ]
+        found = [moves for moves in made if moves is not None]
+        if not found:
+            names = " and ".join(segment.name for segment in stretch)
+            raise NoMoves(f"pick {pick.name!r}: no joint moves for {names} are proven collision-free")
+        best = min(found, key=lambda moves: moves.motion.duration)
+        names = [segment.name for segment in stretch]
+        for stage, blend, move, profile in zip(best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True):
+            self.moves[stage if stage in names else names[0]].append(self._step(stage, blend, move, profile))
+        return np.asarray(best.motion.moves[-1].path.end)
+
+    def _line(self, stage: str, q: Array, pose: SE3, length: float) -> _Line | None:
+        """The line of a stage from the part outwards; None if the pick has none."""
+        if not length:
+            return None
+        trace = trace_line(self._arm, q, self._task.target(pose))
+        if trace.reason:
+            raise NoMoves(f"pick {self._task.pick.name!r}: the {stage} cannot be a linear move: {trace.reason}")
+        straight = 1.0 if stage in self._task.pick.speed else self._task.cell.shared.straight
+        return _Line(stage, trace.path, straight)
+
+    def _between(
+        self,
+        stretch: Sequence[ProgramSegment],
+        here: Array,
+        end: Array,
+        leaving: tuple[_Line | None, float | None],
+        entering: tuple[_Line | None, float | None],
+        *,
+        alone: bool,
+    ) -> _Moves | None:
+        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven."""
+        lines = [None if line is None else line.cut(share or 1.0) for line, share in (leaving, entering)]
+        stages, paths = list[str](), list[JointPath]()
+        if leaving[0] is not None and lines[0] is not None:
+            stages, paths = [leaving[0].stage], [lines[0]]
+        if not alone:
+            part = next((p for p in self._parts.values() if p.name in ("transit", "transfer", "pick")))
+            first = here if lines[0] is None else lines[0].end
+            last = end if lines[1] is None else lines[1].end
+            points = self._joint_moves(stretch, part, first, last)
+            if points is None:
+                return None
+            stages += ["transit" if part.name != "transfer" else "transfer"] * (len(points) - 1)
+            paths += [JointPath(pair, self._arm.joint_names) for pair in pairwise(points)]
+        if entering[0] is not None and lines[1] is not None:
+            stages, paths = [*stages, entering[0].stage], [*paths, lines[1].reversed()]
+        # The largest zones that are proven, which leave what must be straight of the lines
+        most = {
+            line.stage: max(0.0, 1.0 - line.straight / (share or 1.0))
+            for line, share in (leaving, entering)
+            if line is not None
+        }
+        moves, blends = list[ControllerMove](), list[Blend | None]()
+        for k, path in enumerate(paths):
+            blend = zone = None
+            if k + 1 < len(paths):
+                allowed = [min(0.5, most.get(stage, 0.5)) for stage in stages[k : k + 2]]
+                blend, zone = self._zone(part, path, paths[k + 1], allowed)
+            blends.append(blend)
+            moves.append(ControllerMove(path, None, zone))
+        return _Moves(tuple(stages), tuple(blends), self._within_limits(stages, moves))
+
+    def _joint_moves(self, stretch: Sequence[ProgramSegment], part: MotionPart, first: Array, last: Array) -> Array | None:
+        """The points (k, n) of proven joint moves between two configurations, chosen along the motion."""
+        names, even = self._arm.joint_names, np.full(self._arm.dof, self._deviation)
+
+        def proven(one: Array, other: Array) -> bool:
+            line = JointPath(np.stack([one, other]), names)
+            if not is_proven_free(line, part.checker, joint_tolerance=even):
+                return False
+            return not (part.constraints or part.passing) or prove_part(part, line, self._deviation).free
+
+        motion = np.concatenate([segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch])
+        begin, finish = (int(np.abs(motion - q).max(axis=1).argmin()) for q in (first, last))
+        for count in SAMPLES:
+            inner = np.unique(np.linspace(begin, max(finish, begin), count).round().astype(int))[1:-1]
+            found = fewest_moves(np.vstack([first, motion[inner], last]), self._arm.limits, proven)
+            if found is not None:
+                return found
+        return None
+
+    def _zone(
+        self, part: MotionPart, into: JointPath, out: JointPath, allowed: Sequence[float]
+    ) -> tuple[Blend | None, tuple[float, float] | None]:
+        """The largest zone between two moves that uses no more than the allowed shares of them and is proven."""
+        for blend in self._zones:
+            shares = [zone_shares(blend, self._arm, path.q) for path in (into.reversed(), out)]
+            if any(upper > most for (upper, _), most in zip(shares, allowed, strict=True)):
+                continue
+            curve, extent = blend_cover(blend, self._arm, into, out)
+            tolerance = extent + self._deviation + COVERED
+            if not is_proven_free(curve, part.checker, joint_tolerance=tolerance):
+                continue
+            if (part.constraints or part.passing) and not prove_part(part, curve, tolerance).free:
+                continue
+            return blend, (shares[0][1], shares[1][1])
+        return None, None
+
+    def _within_limits(self, stages: Sequence[str], moves: Sequence[ControllerMove]) -> ControllerMotion:
+        """The motion, as slow as the limits of torques, of the grip and of the tool require."""
+        limits, checker = self._arm.limits, next(iter(self._parts.values())).checker
+        rates = {stage: rate_limits(self._task, self._member, stage, checker) for stage in stages}
+        motion, own = controller_motion(moves, limits), list(moves)
+        for k, stage in enumerate(stages) if any(rates.values()) else ():
+            single = controller_motion([replace(own[k], zone=None)], limits)
+            excess = max((float(np.max(limit.excess(single.trajectory))) for limit in rates[stage]), default=0.0)
+            if excess > 1.0:
+                own[k] = replace(own[k], duration=excess * single.duration)
+        common = [limit for stage in rates for limit in rates[stage] if not isinstance(limit, ToolLimits)]
+        for _ in range(ROUNDS):
+            motion = controller_motion(own, limits)
+            excess = max((float(np.max(limit.excess(motion.trajectory))) for limit in common), default=0.0)
+            if excess <= 1.0:
+                break
+            own = [
+                replace(move, duration=1.001 * excess * profile.duration)
+                for move, profile in zip(own, motion.profiles, strict=True)
+            ]
+        return motion
+
+    def _step(self, stage: str, blend: Blend | None, move: ControllerMove, profile: Profile) -> JointMove | LinearMove:
+        """The step of a move, with its duration and its speed."""
+        q = move.path.end
+        if stage in ("transit", "transfer"):
+            percent = max(1, min(100, round(100 * profile.peak / fastest(move.path, self._arm.limits).peak)))
+            return JointMove(q, profile.duration, blend, percent=percent)
+        ends = [self._arm.forward_kinematics(end) for end in (move.path.start, q)]
+        length = float(np.linalg.norm(ends[1].translation - ends[0].translation))
+        return LinearMove(q, ends[1], profile.duration, speed=profile.peak * length, blend=blend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,13 +485,25 @@ def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path)
     return ProgramCheck(stored.name, own, False, duration=stored.duration)
 
 
+FREE_MOTIONS = ("transit", "transfer", "pick")
+"""The names of certified motions on which nothing is touched."""
+
+
+def program_duration(program: RobotProgram, arm: Arm) -> float:
+    """Seconds of a program by the rules of its controller, with its waiting times, from its first point."""
+    program, traces, _ = traced(program, arm)
+    motions = program_motions(program, arm, traces)
+    waits = sum(step.seconds for step in program.steps if isinstance(step, Wait))
+    return waits + sum(motion.duration for _, motion in motions)
+
+
 def certify_picks_program(
     setup: PickSetup, picks: Iterable[Pick], program: RobotProgram
 ) -> tuple[tuple[tuple[Certificate, ...], ...], tuple[str, ...]]:
     """Certify what a controller executes according to the text of a program of picks, in the cell of the picks.
 
-    The motions are the straight lines between the points of the text, under the conditions of each part of a pick, with
-    the deviation that the text states. They must reach the grasp and the release of the pick, where the hand must hold
+    The moves and blends of the text are certified under the conditions of each part of a pick, with the deviation that
+    the text states; a blend between two motions under those of the free one. They must reach the grasp and the release of the pick, where the hand must hold
     the part.
 
     Parameters
@@ -264,20 +523,18 @@ def certify_picks_program(
     Raises
     ------
     InputError
-        If the program states no picks, has a blend or a linear move, switches several outputs, or has other moves than
-        it states.
+        If the program states no picks, streams set points, switches several outputs, or has other moves than it states.
     UnknownNameError
         If a pick of the program does not exist.
     """
     if not program.picks:
         raise InputError(f"program {program.name!r} states no picks; it was not written by export_picks")
-    # A program of picks has joint moves with stops, and switches only the gripper
+    # A program of picks has moves, and switches only the gripper
     by_name = {pick.name: pick for pick in picks}
-    arm, steps = setup.checker.arm, list(program.steps)
-    bad = [step for step in program.moves if not isinstance(step, JointMove) or step.blend is not None]
-    if bad:
-        raise InputError(f"line {bad[0].line}: a program of picks has joint moves that end with a stop only")
-    outputs = [step for step in steps if isinstance(step, SetOutput)]
+    arm = setup.checker.arm
+    if bad := [step for step in program.moves if not isinstance(step, JointMove | LinearMove)]:
+        raise InputError(f"line {bad[0].line}: a program of picks has joint moves and linear moves only")
+    outputs = [step for step in program.steps if isinstance(step, SetOutput)]
     if others := [step for step in outputs if step.output != outputs[0].output]:
         raise InputError(
             f"line {others[0].line} switches the output {others[0].output}, but line {outputs[0].line} the output "
@@ -285,28 +542,41 @@ def certify_picks_program(
         )
     if reason := next(unknown_speeds(program, arm), ""):
         raise InputError(reason)
-    too_fast = "; ".join(speed_violations(program, arm, {}))
-    start, certificates, notes = steps.pop(0), [], list[str]()
+    # What the controller executes, and what no certificate of a part covers
+    program, traces, untraced = traced(program, arm)
+    parts = dict[int, list[ExecutedPart]]()
+    for part in executed_parts(program, arm, traces):
+        parts.setdefault(part.line, []).append(part)
+    timed = {line: motion.trajectory for lines, motion in program_motions(program, arm, traces) for line in lines}
+    overlapping = [f"the blend at line {line} may overlap with the one before it" for line in overlaps(program, arm, traces)]
+    too_fast = "; ".join(speed_violations(program, arm, traces))
+    fault = too_fast or "; ".join([*untraced, *overlapping])
+    status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
+    steps, certificates, notes = list(program.steps), [], list[str]()
+    start = steps.pop(0)
     for planned in program.picks:
         if planned.name not in by_name:
             raise UnknownNameError("pick", planned.name, by_name)
         # Each motion takes its moves from the text; outputs and waiting times follow the last move of a motion.
         clock, segments, events, records = 0.0, list[ProgramSegment](), list[ProgramEvent](), {}
+        moved = dict[str, list[int]]()
         for name, count in planned.motions:
-            moves = [start, *steps[:count]]
-            del steps[:count]
-            points = [move.q for move in moves if isinstance(move, JointMove)]
-            if len(points) < count + 1:
+            moves = [start]
+            while len(moves) <= count and steps and isinstance(steps[0], JointMove | LinearMove):
+                moves.append(steps.pop(0))
+            if len(moves) < count + 1:
                 raise InputError(f"the {name} of pick {planned.name!r} has {count} moves, which the text does not have")
+            points = [move.q for move in (moves[0], moves[-1]) if isinstance(move, JointMove | LinearMove)]
             start = moves[-1]
             motion = time_parametrise(JointPath(points, program.joint_names), arm.limits)
             # a pick without an object has one certificate for all of its motions
             certified = "pick" if by_name[planned.name].object_name is None else name
             record = MotionRecord(certified, 0, 0, "UNDECIDED", None, 0, 0, "", "")
             records[certificate_id(record)] = record
+            moved.setdefault(certificate_id(record), []).extend(move.line for move in moves[1:])
             segments.append(ProgramSegment(name, clock, motion, certificate_id(record)))
             clock = segments[-1].end
-            while steps and isinstance(steps[0], SetOutput | Wait):
+            while steps and not isinstance(steps[0], JointMove | LinearMove):
                 step = steps.pop(0)
                 if isinstance(step, SetOutput):
                     events.append(ProgramEvent("grip" if step.on else "release", clock))
@@ -314,10 +584,26 @@ def certify_picks_program(
                     events[-1] = replace(events[-1], dwell=events[-1].dwell + step.seconds)
                     clock = events[-1].end
         executed = MotionProgram(planned.name, tuple(segments), tuple(events), records, member=planned.member)
-        proofs = setup.recertify(executed, by_name[planned.name], deviation=program.deviation)
-        if too_fast:
-            slow = [replace(p, status=CertificateStatus.VIOLATED, clearance=math.nan, message=too_fast) for p in proofs]
-            proofs = (*slow,)
+        # The blend between two motions belongs to the free one, whose conditions permit no contact
+        owned: dict[str, list[ExecutedPart]] = {key: [] for key in moved}
+        for (key, lines), following in zip(moved.items(), [*list(moved)[1:], None], strict=True):
+            for part in (part for line in lines for part in parts.get(line, ())):
+                ends = part.blend and part.line == lines[-1] and records[key].name not in FREE_MOTIONS
+                owned[following if ends and following is not None else key].append(part)
+        shown = {
+            key: ExecutedMotion(
+                JointPath(np.concatenate([part.curve.q for part in own if not part.blend]), program.joint_names),
+                np.max([part.tolerance for part in own if not part.blend], axis=0),
+                tuple(part for part in own if part.blend),
+                timed[moved[key][0]],
+            )
+            for key, own in owned.items()
+            if moved[key] and not untraced
+        }
+        proofs = setup.recertify(executed, by_name[planned.name], deviation=program.deviation, executed=None if untraced else shown)
+        if fault:
+            wrong = partial(replace, status=status, clearance=math.nan, message=fault)
+            proofs = tuple(wrong(proof) if too_fast or untraced or proof.free else proof for proof in proofs)
         certificates.append(proofs)
         exact = [records[key].name for key, proof in zip(executed.motions, proofs, strict=True) if proof.partings]
         if program.deviation > 0 and exact:

@@ -29,11 +29,13 @@ from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
 
 # Speeds of a linear move that are compared, as shares of the largest that the velocities of the joints permit.
-SPEEDS = np.linspace(0.05, 1.0, 39)
+SPEEDS = np.geomspace(0.02, 1.0, 160)
 # Share of the limits that linear moves use, whose rates are compared at samples.
 SAMPLED = 0.995
 # rad/s and rad/s^2: in place of limits that are not known.
 UNLIMITED = 1e6
+# Shares of the deceleration before a blend that are compared.
+SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2)
 # s: a move of a single point.
 SHORTEST = 1e-4
 
@@ -101,7 +103,7 @@ class Profile:
 
 
 def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile:
-    """The fastest trapezoidal profile with equal accelerations at which every joint is within its limits on a move."""
+    """The fastest trapezoidal profile at which every joint is within its limits on a move."""
     velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
     if not np.ptp(path.q, axis=0).any():
@@ -110,17 +112,31 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
         travel = np.maximum(np.abs(path.q[1] - path.q[0]), 1e-12)
         gain = float((acceleration / travel).min())
         return Profile(float((velocity / travel).min()), gain, gain)
-    # At the speed v a joint needs |q''| v^2 for the bend of its curve; the rest is left for the acceleration
-    slope, bend = (np.abs(spline_of(path)(np.linspace(0.0, 1.0, 2 * len(path.q) - 1), order)) for order in (1, 2))
-    slope = np.maximum(slope, 1e-12)
+    # While it accelerates from rest at the rate g, the squared rate of the share s is 2 g s, so that a joint needs
+    # g |q' + 2 s q''|; on the part up to s, g is at most the least of what the joints permit. The same from the end
+    shares = np.linspace(0.0, 1.0, 2 * len(path.q) - 1)
+    slope, bend = (spline_of(path)(shares, order) for order in (1, 2))
+    permitted = SAMPLED * acceleration
+    reached = []
+    for along, turned in ((slope, bend), (slope[::-1], bend[::-1])):
+        rates = (permitted / np.maximum(np.abs(along + 2.0 * shares[:, None] * turned), 1e-12)).min(axis=1)
+        reached.append(2.0 * np.minimum.accumulate(rates) * shares)
     best: Profile | None = None
-    for top in SPEEDS * SAMPLED * float((velocity / slope).min()):
-        left = float(((SAMPLED * acceleration - bend * top**2) / slope).min())
-        if left <= 0.0:
+    cruise = np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min(axis=1))
+    for top in SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min()):
+        if not all((squares >= top**2).any() for squares in reached):
             break
-        made = Profile(float(top), left, left)
-        best = made if best is None or made.duration < best.duration else best
-    return best or Profile(float(top) * 1e-3, UNLIMITED, UNLIMITED)
+        first, last = (int(np.argmax(squares >= top**2)) for squares in reached)
+        last = len(shares) - 1 - last
+        if first <= last and (cruise[first : last + 1] >= top).all():
+            made = Profile(float(top), float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last]))))
+            best = made if best is None or made.duration < best.duration else best
+    return best or Profile(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED)
+
+
+def together(one: Profile, other: Profile, zone: tuple[float, float]) -> float:
+    """Seconds for which two moves with a zone between them are superposed."""
+    return min(one.seconds_to_end(zone[0]), other.seconds_from_start(zone[1]))
 
 
 def spline_of(path: JointPath) -> CubicSpline:
@@ -154,19 +170,29 @@ def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> C
         curve, q = curves[number], moves[number].path.q
         return np.asarray(q[1] - q[0] if curve is None else curve(at, 1))
 
-    # Both moves at a blend accelerate less if the sum of the accelerations of a joint exceeds its limit
-    for k in range(len(moves) - 1):
-        both = profiles[k + 1].gain * tangent(k + 1, 0.0) - profiles[k].loss * tangent(k, 1.0)
-        more = max(1.0, float((np.abs(both) / acceleration).max()))
-        profiles[k] = replace(profiles[k], loss=profiles[k].loss / more)
-        profiles[k + 1] = replace(profiles[k + 1], gain=profiles[k + 1].gain / more)
+    # Where the sum of the accelerations of a joint exceeds its limit, one or both of the moves accelerate less
+    for k, move in enumerate(moves[:-1]):
+        if move.zone is None:
+            continue
+        one, other = profiles[k], profiles[k + 1]
+        slowing, rising = one.loss * tangent(k, 1.0), other.gain * tangent(k + 1, 0.0)
+        best = np.inf
+        for share in SHARES:
+            # |rising m - slowing share| <= acceleration for the largest m in [0, 1]
+            room = np.where(rising > 0.0, acceleration + share * slowing, acceleration - share * slowing)
+            most = min(1.0, float((room / np.maximum(np.abs(rising), 1e-12)).min()))
+            if most < SHARES[-1]:
+                continue
+            pair = replace(one, loss=share * one.loss), replace(other, gain=most * other.gain)
+            seconds = pair[0].duration + pair[1].duration - together(*pair, move.zone)
+            if seconds < best:
+                best, (profiles[k], profiles[k + 1]) = seconds, pair
     profiles = [p if m.duration is None else p.lasting(m.duration) for m, p in zip(moves, profiles, strict=True)]
     # Each move begins when the one before enters the zone, so that both are in it until that one ends
     starts = [0.0]
-    for (move, profile), following in zip(zip(moves, profiles, strict=True), profiles[1:], strict=False):
-        into, out = move.zone or (0.0, 0.0)
-        both_seconds = min(profile.seconds_to_end(into), following.seconds_from_start(out))
-        starts.append(starts[-1] + profile.duration - both_seconds)
+    for k, move in enumerate(moves[:-1]):
+        both = 0.0 if move.zone is None else together(profiles[k], profiles[k + 1], move.zone)
+        starts.append(starts[-1] + profiles[k].duration - both)
     return ControllerMotion(tuple(moves), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
 
 

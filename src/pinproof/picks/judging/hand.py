@@ -8,7 +8,7 @@ displaced body is proven to be free of the part over the whole motion. Open fing
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -270,9 +270,12 @@ class OpenHand:
         if finer_at is not None:
             checker = checker.finer_at(finer_at)
         # the displaced copies of links of the palm replace them
-        own = replaced | (set(self._hand) - {body.name for body in self._palm})
+        return self._against_part(checker, replaced | (set(self._hand) - {body.name for body in self._palm}))
+
+    def _against_part(self, checker: CollisionChecker, names: Set[str]) -> CollisionChecker:
+        """The checker of bodies of the hand against the part alone; derived checkers check the other pairs again."""
         owners = [{checker.bodies[k].owner for k in pair} for pair in checker.pairs]
-        return checker.without_pairs(k for k, pair in enumerate(owners) if not (part.name in pair and own & pair))
+        return checker.without_pairs(k for k, pair in enumerate(owners) if not (self.part.name in pair and names & pair))
 
     def prove(
         self,
@@ -303,17 +306,17 @@ class OpenHand:
             suited = [self._checker(grasp, exact=True)]
         for checker in suited:
             there, palm = checker.obstacles_and_links, {body.solid.name for body in self._palm}
-            pairs = [(name, self.part.name) for name in there if name in palm or name in self._hand]
-            fingers = [pair for pair in pairs if pair[0] not in palm]
+            own = {name for name in there if name in palm or name in self._hand}
+            fingers = own - palm
             if closing:
-                checker = checker.allowing(*fingers)
+                checker = self._against_part(checker, own & palm)
             # The displaced palm and, unless they close, the open fingers stay outside of the part
             failed.append(certify(curve, checker, movers=still, limits=None))
             proven = failed[-1].free
             if not proven and grasp is not None and palm and not (closing or movers):
                 proven, deepest = self._prove_piecewise(curve, grasp)
             if proven and wider and fingers and not closing:
-                alone = checker.allowing(*(pair for pair in pairs if pair[0] in palm)).padded(self._padding)
+                alone = self._against_part(checker.padded(self._padding) if self._padding else checker, fingers)
                 failed.append(certify(curve, alone, joint_tolerance=deviation, movers=movers, limits=None))
                 proven = failed[-1].free
             if proven:

@@ -191,6 +191,9 @@ def export_picks(
 SAMPLES = (25, 97)
 """Numbers of points of a motion among which the ends of joint moves are chosen."""
 
+SPARE = (0.0, 0.01, 0.03)
+"""rad: deviations that joint moves permit beside that of the controller, so that there is more space for zones."""
+
 COVERED = 4e-4
 """rad: what zones are proven with, beside the deviation, because joint values are rounded and linear moves are traced."""
 
@@ -272,11 +275,13 @@ class PickMoves:
             into = self._line("place", end, place.before(self._task.release(member)), place.approach)
         alone = out is not None and into is None
         options = product(
-            [None] if out is None else [1.0] if alone else out.shares(), [None] if into is None else into.shares()
+            [None] if out is None else [1.0] if alone else out.shares(),
+            [None] if into is None else into.shares(),
+            SPARE[:1] if alone else SPARE,
         )
         made = [
-            self._between(stretch, here, end, (out, leaving), (into, entering), alone=alone)
-            for leaving, entering in options
+            self._between(stretch, here, end, (out, leaving), (into, entering), None if alone else spare)
+            for leaving, entering, spare in options
         ]
         found = [moves for moves in made if moves is not None]
         if not found:
@@ -305,19 +310,21 @@ class PickMoves:
         end: Array,
         leaving: tuple[_Line | None, float | None],
         entering: tuple[_Line | None, float | None],
-        *,
-        alone: bool,
+        spare: float | None,
     ) -> _Moves | None:
-        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven."""
+        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven.
+
+        Joint moves leave ``spare`` (rad) for zones; without it, there are none.
+        """
         lines = [None if line is None else line.cut(share or 1.0) for line, share in (leaving, entering)]
         stages, paths = list[str](), list[JointPath]()
         if leaving[0] is not None and lines[0] is not None:
             stages, paths = [leaving[0].stage], [lines[0]]
-        if not alone:
+        if spare is not None:
             part = next((p for p in self._parts.values() if p.name in ("transit", "transfer", "pick")))
             first = here if lines[0] is None else lines[0].end
             last = end if lines[1] is None else lines[1].end
-            points = self._joint_moves(stretch, part, first, last)
+            points = self._joint_moves(stretch, part, first, last, spare)
             if points is None:
                 return None
             stages += ["transit" if part.name != "transfer" else "transfer"] * (len(points) - 1)
@@ -340,15 +347,17 @@ class PickMoves:
             moves.append(ControllerMove(path, None, zone))
         return _Moves(tuple(stages), tuple(blends), self._within_limits(stages, moves))
 
-    def _joint_moves(self, stretch: Sequence[ProgramSegment], part: MotionPart, first: Array, last: Array) -> Array | None:
+    def _joint_moves(
+        self, stretch: Sequence[ProgramSegment], part: MotionPart, first: Array, last: Array, spare: float
+    ) -> Array | None:
         """The points (k, n) of proven joint moves between two configurations, chosen along the motion."""
-        names, even = self._arm.joint_names, np.full(self._arm.dof, self._deviation)
+        names, even = self._arm.joint_names, np.full(self._arm.dof, self._deviation + spare)
 
         def proven(one: Array, other: Array) -> bool:
             line = JointPath(np.stack([one, other]), names)
             if not is_proven_free(line, part.checker, joint_tolerance=even):
                 return False
-            return not (part.constraints or part.passing) or prove_part(part, line, self._deviation).free
+            return not (part.constraints or part.passing) or prove_part(part, line, even).free
 
         motion = np.concatenate([segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch])
         begin, finish = (int(np.abs(motion - q).max(axis=1).argmin()) for q in (first, last))

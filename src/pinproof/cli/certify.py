@@ -184,7 +184,6 @@ def export(
         "-o",
         "--output",
     ),
-    tolerance: float = option("Largest deviation of the moves of the program from the motion (rad).", 0.002, min=1e-6),
     deviation: float | None = option(
         "Assumed deviation of each joint from the moves of the program (rad). Default: 0.002; 0 for ROS 2; "
         "0.01 with --period.",
@@ -219,7 +218,6 @@ def export(
             checker,
             dialect,
             name=motion.stem,
-            tolerance=tolerance,
             deviation=deviation,
             period=period,
             linear=linear,

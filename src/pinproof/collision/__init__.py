@@ -28,21 +28,25 @@ from pinproof.collision.certificates.path_constraints import (
     held_together as held_together,
 )
 from pinproof.collision.certificates.program_proof import (
+    COVERED as COVERED,
+    SAMPLES as SAMPLES,
+    SPARE as SPARE,
     ExecutedPart as ExecutedPart,
     LineTrace as LineTrace,
     ProgramCertificate as ProgramCertificate,
     ProgramPart as ProgramPart,
-    blend_cover as blend_cover,
     certify_program as certify_program,
     executed_parts as executed_parts,
     export_program as export_program,
+    largest_zone as largest_zone,
     overlaps as overlaps,
     program_motions as program_motions,
     speed_violations as speed_violations,
+    timed_step as timed_step,
     trace_line as trace_line,
     traced as traced,
     unknown_speeds as unknown_speeds,
-    zone_shares as zone_shares,
+    zones_of as zones_of,
 )
 from pinproof.collision.certificates.proof_file import verify_proof as verify_proof
 from pinproof.collision.certificates.reuse import SetupChange as SetupChange, StoredProof as StoredProof

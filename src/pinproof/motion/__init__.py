@@ -8,6 +8,7 @@ from pinproof.motion.controller_time import (
     controller_motion as controller_motion,
     fastest as fastest,
     fewest_moves as fewest_moves,
+    with_points_beside as with_points_beside,
 )
 from pinproof.motion.curve import (
     MEET_TOLERANCE as MEET_TOLERANCE,

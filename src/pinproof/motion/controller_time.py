@@ -2,10 +2,10 @@
 
 All joints of a joint move begin and end together: the share of its line that is passed has a trapezoidal speed, as fast
 as the limits of all joints permit. A linear move has a trapezoidal speed of the tcp, for which the joints stay within
-their limits on the complete line. Where a point is blended, the next move begins while the one before decelerates, when
-the arm enters the zone of the point, and the displacements of both add up; both accelerate there only as much as the
-joints permit for the sum. Therefore the arm is within both zones while two moves are superposed, no joint is faster than
-on one of the moves, and the motion of joint moves is piecewise quadratic.
+their limits on the complete line. Where a point is blended, the next move begins while the one before decelerates,
+when the arm enters the zone of the point, and the displacements of both add up; both accelerate there only as much as
+the joints permit for the sum. Therefore the arm is within both zones while two moves are superposed, no joint is faster
+than on one of the moves, and the motion of joint moves is piecewise quadratic.
 
 Manuals: Universal Robots, *URScript*, ``movej`` and ``movel``: trapezoidal speed profiles; KUKA, *KSS System Software,
 Operating and Programming Instructions for System Integrators*: synchronous PTP, approximate positioning; FANUC,
@@ -97,7 +97,9 @@ class Profile:
         t = np.clip(times, 0.0, self.duration)
         left = self.duration - t
         middle = self.peak * (t - first / 2.0)
-        shares = np.where(t < first, self.gain * t**2 / 2.0, np.where(left < last, 1.0 - self.loss * left**2 / 2.0, middle))
+        shares = np.where(
+            t < first, self.gain * t**2 / 2.0, np.where(left < last, 1.0 - self.loss * left**2 / 2.0, middle)
+        )
         rates = np.where(t < first, self.gain * t, np.where(left < last, self.loss * left, self.peak))
         return shares, np.where((times < 0.0) | (times > self.duration), 0.0, rates)
 
@@ -129,7 +131,9 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
         first, last = (int(np.argmax(squares >= top**2)) for squares in reached)
         last = len(shares) - 1 - last
         if first <= last and (cruise[first : last + 1] >= top).all():
-            made = Profile(float(top), float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last]))))
+            made = Profile(
+                float(top), float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last])))
+            )
             best = made if best is None or made.duration < best.duration else best
     return best or Profile(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED)
 
@@ -146,7 +150,7 @@ def spline_of(path: JointPath) -> CubicSpline:
 
 @dataclass(frozen=True, eq=False)
 class ControllerMotion:
-    """The motion between two stops: its ``moves`` from ``starts`` (s) with their ``profiles``, and the ``trajectory``."""
+    """The motion between two stops: ``moves`` from ``starts`` (s) with their ``profiles``, and the ``trajectory``."""
 
     moves: tuple[ControllerMove, ...]
     profiles: tuple[Profile, ...]
@@ -228,10 +232,20 @@ def _trajectory(
 
 # -- few moves ---------------------------------------------------------------------------------------------------------
 
+# Points beside each point of a motion, and how far from it (rad), through which joint moves may lead too.
+BESIDE, ASIDE = 1, 0.12
 # Shares by which an inner point of a path is moved towards the line between its neighbours.
 PULLS = (0.75, 0.5, 0.25)
 # Seconds that the change of a point must save.
 GAIN = 1e-3
+
+
+def with_points_beside(points: Array, limits: JointLimits) -> Array:
+    """Points (k, n) with more points beside the inner ones, within the limits, always the same ones."""
+    inner = np.repeat(points[1:-1], 1 + BESIDE, axis=0)
+    offsets = ASIDE * np.random.default_rng(0).normal(size=inner.shape)
+    offsets[:: 1 + BESIDE] = 0.0
+    return np.vstack([points[:1], np.clip(inner + offsets, limits.lower, limits.upper), points[-1:]])
 
 
 def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Array], bool]) -> Array | None:
@@ -271,7 +285,9 @@ def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Ar
     path = points[order[::-1]].copy()
     for k in (*range(1, len(path) - 1), *reversed(range(1, len(path) - 1))):
         before, after = path[k - 1], path[k + 1]
-        along = np.clip((path[k] - before) @ (after - before) / max(float((after - before) @ (after - before)), 1e-12), 0, 1)
+        along = np.clip(
+            (path[k] - before) @ (after - before) / max(float((after - before) @ (after - before)), 1e-12), 0, 1
+        )
         for share in PULLS:
             there = path[k] + share * (before + along * (after - before) - path[k])
             saved = seconds(before, path[k]) + seconds(path[k], after) - seconds(before, there) - seconds(there, after)

@@ -18,17 +18,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.certificates.certificate import Certificate, CertificateStatus
-from pinproof.collision.certificates.certify import certify
+from pinproof.collision.certificates.certify import certify, is_proven_free
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import described, key
@@ -37,25 +37,28 @@ from pinproof.model import Arm, JointLimits
 from pinproof.motion import (
     LIMIT_TOLERANCE,
     Blend,
-    Curve,
-    JointMap,
     ControllerMotion,
     ControllerMove,
+    Curve,
+    JointMap,
     JointMove,
     JointPath,
     LinearMove,
+    Profile,
     RobotProgram,
     SetOutput,
     Step,
     StreamedPoint,
     StreamedTrajectory,
+    TimedCurve,
     Trajectory,
     Wait,
     controller_motion,
+    fastest,
+    fewest_moves,
     find_dialect,
     make_program,
-    moves_along,
-    time_parametrise,
+    with_points_beside,
 )
 from pinproof.spatial import Array
 
@@ -81,7 +84,7 @@ ROUNDED = 1e-9
 """rad: allowance for the errors of the poses at the samples."""
 
 TURN_STEP = 1e-3
-"""rad: sum of the rotations between two steps at which the documented interpolations of the orientation are compared."""
+"""rad: sum of the rotations between two steps at which the documented interpolations of orientations are compared."""
 
 TURN_ALLOWANCE = 1.25
 """Factor of the largest difference between the documented interpolations that is covered."""
@@ -121,7 +124,9 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
         if chord <= CHORD and np.isfinite(tube):
             return LineTrace(JointPath(q, arm.joint_names), chord + tube + ROUNDED)
         if chord <= CHORD:
-            how = f"it rotates the tool by {angle:.2g} rad, and interpolations of the orientation differ by {between:.2g}"
+            how = (
+                f"it rotates the tool by {angle:.2g} rad, and interpolations of the orientation differ by {between:.2g}"
+            )
             return LineTrace(nothing, 0.0, how)
         # The steps that the bounds need, if the norm does not exceed that at the samples by much.
         needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
@@ -211,8 +216,6 @@ def _bounds(q: Array, inverse: Array, step: float, change: float, turn: float) -
     return chord, float(((np.sqrt(least) - np.sqrt(left)) / change).max())
 
 
-StepKind = TypeVar("StepKind", bound=Step)
-
 SPACING = 1.0 / 256.0
 """Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
 
@@ -235,9 +238,6 @@ UNLIMITED = 1e12
 
 ROUNDING = 2e-5
 """rad: by how much the travel of a joint on a move may differ from what was timed; FANUC rounds to 1e-3 deg."""
-
-SMALLEST_RADIUS = 0.0005
-"""m: a blend with a smaller radius hardly differs from a stop."""
 
 
 @described(eq=False)
@@ -391,17 +391,15 @@ def export_program(
     dialect: str,
     *,
     name: str = "motion",
-    tolerance: float = 0.002,
-    blend: Blend | None = None,
     deviation: float | None = None,
     period: float | None = None,
     joint_map: JointMap | None = None,
     linear: bool = False,
 ) -> tuple[RobotProgram, ProgramCertificate]:
-    """Write a program that follows a curve, and certify what the controller will execute.
+    """Write a program that moves from each rest of a curve to the next one, and certify what the controller executes.
 
-    The inner points are blended where that is proven collision-free, with a smaller radius where the language has one;
-    at the others the arm stops.
+    Between two rests there are few joint moves that are proven collision-free; they lead through points of the curve,
+    need not follow it, and are no faster. Inner points are blended as far as that is proven; elsewhere the arm stops.
 
     Parameters
     ----------
@@ -413,12 +411,8 @@ def export_program(
         ``"urscript"``, ``"rapid"``, ``"krl"``, ``"fanuc"`` or ``"ros2"``.
     name
         The name of the program.
-    tolerance
-        rad: largest deviation of the lines from the curve, at samples of it.
-    blend
-        The blend at inner points; by default that of the language.
     deviation
-        rad: the deviation of the controller from the lines; by default that of the language.
+        rad: the deviation of the controller from the moves; by default that of the language.
     period
         Seconds between set points, to stream the trajectory (``servoj`` of URScript) instead of moves.
     joint_map
@@ -443,12 +437,16 @@ def export_program(
         raise InputError(f"programs in {dialect} are for revolute joints only")
     if (language.exact or period is not None) and not isinstance(curve, Trajectory):
         raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
+    if linear and (language.exact or period is not None):
+        raise InputError("linear moves need a program of moves; remove period, or choose another language")
+    if deviation is None:
+        deviation = TRACKING if period is not None else language.deviation
     # The steps: the trajectory itself, moves along it, or set points at a fixed period.
     steps: Sequence[Step]
     if language.exact and isinstance(curve, Trajectory):
         steps = [StreamedTrajectory(curve.record())]
     elif period is None:
-        steps = moves_along(curve, tolerance=tolerance, blend=blend or language.blend)
+        steps = _moves_between_rests(curve, checker, deviation, zones_of(dialect), linear=linear)
     else:
         if not language.streams or not isinstance(curve, Trajectory):
             raise InputError(f"programs in {dialect} cannot stream set points; remove period")
@@ -456,60 +454,151 @@ def export_program(
             raise InputError(f"period = {period} must be above 0 s, and finite")
         times = np.append(np.arange(period, curve.duration, period), curve.duration)
         steps = [JointMove(curve.start), *(StreamedPoint(q, period) for q in curve(times))]
-    if linear:
-        steps = _with_lines(steps, checker.arm, tolerance)
-    default = TRACKING if period is not None else language.deviation
     write = partial(
         make_program,
         joint_names=curve.joint_names,
         dialect=dialect,
         name=name,
-        deviation=default if deviation is None else deviation,
+        deviation=deviation,
         joint_map=joint_map,
     )
-    # Blends that are not proven get half the radius, and finally become stops.
-    while True:
-        steps = feasible(steps, checker.arm)
-        program = write(steps)
-        certificate = certify_program(program, checker)
-        failed = {part.line for part in certificate.parts if part.blend and not part.certificate.free}
-        failed.update(certificate.overlaps)
-        if not failed:
-            break
-        halved = []
-        for step, read in zip(steps, program.steps, strict=True):
-            made = step
-            if isinstance(step, JointMove) and read.line in failed:  # half the radius, or a stop
-                radius = 0.0 if step.blend is None or step.blend.radius is None else step.blend.radius / 2
-                made = replace(step, blend=None if radius < SMALLEST_RADIUS else Blend(radius))
-            halved.append(made)
-        steps = halved
+    program = write(steps)
+    certificate = certify_program(program, checker)
     if not certificate.free:
         return program, certificate
     named = write(steps, certificate=certificate.hash)
     return named, certify_program(named, checker)
 
 
-def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
-    """Return the steps, with the moves that begin or end at a stop as long as the limits of the arm require."""
-    longer = list(steps)
-    at: int | None = None
-    for k, step in enumerate(steps):
-        if not isinstance(step, JointMove | LinearMove):
+SAMPLES = (25, 97)
+"""Numbers of points of a motion among which the ends of joint moves are chosen."""
+
+SPARE = (0.0, 0.01, 0.03)
+"""rad: deviations that joint moves permit beside that of the controller, so that there is more space for zones."""
+
+COVERED = 4e-4
+"""rad: what zones are proven with beside the deviation, because joint values are rounded and linear moves traced."""
+
+ON_LINE = 0.004
+"""rad: by how much a motion may be off the joint values of a linear move that replaces it."""
+
+
+def zones_of(dialect: str) -> tuple[Blend, ...]:
+    """Return the blends that a language can state, from the largest to the smallest."""
+    radii = (0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.01, 0.005)
+    blend = find_dialect(dialect).blend
+    if blend is None:
+        return ()
+    return (blend,) if blend.radius is None else tuple(Blend(radius) for radius in radii)
+
+
+def largest_zone(
+    zones: Sequence[Blend],
+    arm: Arm,
+    into: JointPath,
+    out: JointPath,
+    proven: Callable[[JointPath, Array], bool],
+    allowed: Sequence[float] = (0.5, 0.5),
+) -> tuple[Blend | None, tuple[float, float] | None]:
+    """Return the largest blend between two moves that is proven and uses at most the allowed shares, and its shares."""
+    for blend in zones:
+        shares = [zone_shares(blend, arm, path.q) for path in (into.reversed(), out)]
+        inside = all(upper <= most for (upper, _), most in zip(shares, allowed, strict=True))
+        if inside and proven(*blend_cover(blend, arm, into, out)):
+            return blend, (shares[0][1], shares[1][1])
+    return None, None
+
+
+def timed_step(
+    arm: Arm, move: ControllerMove, profile: Profile, blend: Blend | None, *, linear: bool
+) -> JointMove | LinearMove:
+    """Return the step of a move with its duration and its speed, of which a language states what it can."""
+    q = move.path.end
+    if not linear:
+        percent = round(100 * profile.peak / fastest(move.path, arm.limits).peak)
+        return JointMove(q, profile.duration, blend, percent=min(max(percent, 1), 100))
+    first, last = (arm.forward_kinematics(end) for end in (move.path.start, q))
+    speed = profile.peak * float(np.linalg.norm(last.translation - first.translation))
+    return LinearMove(q, last, profile.duration, speed=speed, blend=blend)
+
+
+def _line_proven(
+    proven: Callable[[JointPath, Array], bool], names: Sequence[str], spare: float, one: Array, other: Array
+) -> bool:
+    return proven(JointPath(np.stack([one, other]), names), np.full(len(names), spare))
+
+
+def _moves_between_rests(
+    curve: Curve, checker: CollisionChecker, deviation: float, zones: Sequence[Blend], *, linear: bool
+) -> list[Step]:
+    """The moves from each rest of a curve to the next one; without a proof they lead through samples of the curve."""
+    arm, names = checker.arm, checker.arm.joint_names
+    # Samples of the curve, and the parts of it from rest to rest
+    if isinstance(curve, JointPath):
+        points, rests, times = curve.q, [0, len(curve.q) - 1], np.zeros(len(curve.q))
+    else:
+        knots = curve.bezier()[0]
+        times = np.unique(np.concatenate([knots, np.linspace(knots[0], knots[-1], 4 * SAMPLES[-1])]))
+        points = np.asarray(curve(times))
+        still = np.zeros(len(times), dtype=bool)
+        if isinstance(curve, TimedCurve):
+            still = ~np.abs(curve.velocity(times)).max(axis=1).astype(bool)
+        rests = sorted({0, *np.flatnonzero(still).tolist(), len(times) - 1})
+    steps = list[Step]([JointMove(points[0])])
+    times = times if isinstance(curve, TimedCurve) else np.zeros(len(times))
+
+    def proven(path: JointPath, tolerance: Array) -> bool:
+        return is_proven_free(path, checker, joint_tolerance=tolerance + deviation)
+
+    for first, last in pairwise(rests):
+        part = points[first : last + 1]
+        if not np.ptp(part, axis=0).any():
             continue
-        before = steps[at] if at is not None else None
-        at = k
-        if not isinstance(step, JointMove) or step.duration is None:
+        # A linear move, if the tcp moves on a straight line
+        trace = trace_line(arm, part[0], arm.forward_kinematics(part[-1])) if linear else None
+        on_line = trace is not None and not trace.reason and np.abs(trace.path.end - part[-1]).max() <= SAME_END
+        if on_line and trace and all(np.abs(trace.path.q - q).max(axis=1).min() <= ON_LINE for q in part):
+            motion = controller_motion([ControllerMove(trace.path)], arm.limits)
+            slower = max(motion.duration, float(times[last] - times[first]))
+            profile = motion.profiles[0].lasting(slower)
+            steps.append(timed_step(arm, motion.moves[0], profile, None, linear=True))
             continue
-        if not isinstance(before, JointMove | LinearMove) or before.q is None:
-            continue
-        # Between two blends a joint may have any velocity.
-        if isinstance(before, JointMove) and before.blend and step.blend:
-            continue
-        if np.abs(step.q - before.q).max() > 0:
-            line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
-            longer[k] = replace(step, duration=max(step.duration, time_parametrise(line, arm.limits).duration))
-    return longer
+        # Or the fastest joint moves
+        best: tuple[ControllerMotion, list[Blend | None]] | None = None
+        for spare, count in (
+            (SPARE[0], SAMPLES[0]),
+            *((spare, SAMPLES[0]) for spare in SPARE[1:]),
+            (SPARE[0], SAMPLES[1]),
+        ):
+            if best is not None and count == SAMPLES[1]:
+                break
+            inner = part[np.unique(np.linspace(0, len(part) - 1, min(count, len(part))).round().astype(int))]
+            line_proven = partial(_line_proven, proven, names, spare)
+            wider = with_points_beside(inner, arm.limits) if spare else inner
+            found = fewest_moves(wider, arm.limits, line_proven)
+            if found is None and spare == SPARE[0] and count == SAMPLES[-1]:
+                found = inner[:: max(1, len(inner) // SAMPLES[0])]
+                found = found if np.array_equal(found[-1], inner[-1]) else np.vstack([found, inner[-1]])
+            if found is None:
+                continue
+            paths = [JointPath(pair, names) for pair in pairwise(found)]
+            ends = [
+                largest_zone(zones, arm, *pair, lambda path, extent: proven(path, extent + COVERED))
+                for pair in pairwise(paths)
+            ]
+            ends.append((None, None))
+            moves = [ControllerMove(path, None, zone) for path, (_, zone) in zip(paths, ends, strict=True)]
+            made = controller_motion(moves, arm.limits), [blend for blend, _ in ends]
+            best = made if best is None or made[0].duration < best[0].duration else best
+        # No faster than the curve, which may be slow for a reason
+        if best is not None:
+            slower = max(1.0, float(times[last] - times[first]) / best[0].duration)
+            timed = zip(best[0].moves, best[0].profiles, best[1], strict=True)
+            steps += [
+                timed_step(arm, move, profile.lasting(slower * profile.duration), blend, linear=False)
+                for move, profile, blend in timed
+            ]
+    return steps
 
 
 class ExecutedPart(NamedTuple):
@@ -518,7 +607,7 @@ class ExecutedPart(NamedTuple):
     name: str
     line: int
     blend: bool
-    curve: Curve
+    curve: JointPath | Trajectory
     tolerance: Array
 
 
@@ -531,14 +620,14 @@ def executed_parts(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTra
             yield ExecutedPart(f"trajectory at line {step.line}", step.line, False, curve, even)
     # Moves are lines between their points, and blends corners of two such lines.
     moves = _paths(program, traces)
-    for step, path, tolerance in moves[0 if len(moves) == 1 else 1 :]:
-        what = "point" if len(moves) == 1 else "linear move" if isinstance(step, LinearMove) else "move"
-        yield ExecutedPart(f"{what} at line {step.line}", step.line, False, path, even + tolerance)
+    for at, path, tolerance in moves[0 if len(moves) == 1 else 1 :]:
+        what = "point" if len(moves) == 1 else "linear move" if isinstance(at, LinearMove) else "move"
+        yield ExecutedPart(f"{what} at line {at.line}", at.line, False, path, even + tolerance)
     for (at, into, wide), (_, out, wider) in pairwise(moves[1:]):
         if isinstance(at, JointMove | LinearMove) and at.blend is not None:
-            curve, extent = blend_cover(at.blend, arm, into, out)
+            cover, extent = blend_cover(at.blend, arm, into, out)
             name = f"blend at line {at.line}"
-            yield ExecutedPart(name, at.line, True, curve, extent + even + max(wide, wider))
+            yield ExecutedPart(name, at.line, True, cover, extent + even + max(wide, wider))
 
 
 def _paths(program: RobotProgram, traces: Mapping[int, LineTrace]) -> list[tuple[Step, JointPath, float]]:
@@ -634,30 +723,6 @@ def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Lin
             here = made.q
         steps.append(made)
     return replace(program, steps=tuple(steps)), traces, tuple(untraced)
-
-
-def _with_lines(steps: Sequence[Step], arm: Arm, tolerance: float) -> list[Step]:
-    """Return the steps with one linear move for moves from stop to stop along a straight line of the tcp."""
-    moves = [step for step in steps if isinstance(step, JointMove)]
-    if len(moves) < len(steps):
-        raise InputError("linear moves need a program of moves; remove period, or choose another language")
-    made, part, start = list[Step](moves[:1]), list[JointMove](), moves[0]
-    for step in moves[1:]:
-        part.append(step)
-        if step.blend is not None and step is not moves[-1]:
-            continue
-        target = arm.forward_kinematics(step.q)
-        trace = trace_line(arm, start.q, target)
-        ends = not trace.reason and np.abs(trace.path.end - step.q).max() <= SAME_END
-        if ends and all(np.abs(trace.path.q - each.q).max(axis=1).min() <= 2 * tolerance for each in part):
-            # At constant speed of the tcp a joint may be faster than in the motion.
-            rates = np.abs(np.diff(trace.path.q, axis=0)) * (len(trace.path.q) - 1) / arm.limits.velocity
-            needed = float(np.nan_to_num(rates).max(initial=0.0))
-            made.append(LinearMove(step.q, target, max(needed, sum(each.duration or 0.0 for each in part))))
-        else:
-            made += part
-        start, part = step, []
-    return made
 
 
 def overlaps(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[int]:

@@ -275,7 +275,9 @@ class OpenHand:
     def _against_part(self, checker: CollisionChecker, names: Set[str]) -> CollisionChecker:
         """The checker of bodies of the hand against the part alone; derived checkers check the other pairs again."""
         owners = [{checker.bodies[k].owner for k in pair} for pair in checker.pairs]
-        return checker.without_pairs(k for k, pair in enumerate(owners) if not (self.part.name in pair and names & pair))
+        return checker.without_pairs(
+            k for k, pair in enumerate(owners) if not (self.part.name in pair and names & pair)
+        )
 
     def prove(
         self,

@@ -23,7 +23,6 @@ from pinproof.motion import (
     BlendedPath,
     Bounds,
     CubicPath,
-    Curve,
     JointPath,
     RateConstraint,
     Trajectory,
@@ -459,7 +458,7 @@ def motion_parts(
     return [part_of(task, member, name, own, parting.get(name, ())) for name, own in curves.items() if own]
 
 
-def prove_part(part: MotionPart, curve: Curve, joint_tolerance: npt.ArrayLike = 0.0) -> Certificate:
+def prove_part(part: MotionPart, curve: JointPath | Trajectory, joint_tolerance: npt.ArrayLike = 0.0) -> Certificate:
     """The certificate of a part; of several conditions, that of the first that is not proven."""
     if not part.backwards or not part.parting:
         proof = certify(
@@ -470,7 +469,13 @@ def prove_part(part: MotionPart, curve: Curve, joint_tolerance: npt.ArrayLike = 
             constraints=part.constraints,
         )
     else:
-        proof = certify(curve.reversed() if isinstance(curve, JointPath) else backwards(curve), part.checker, parting=part.parting, constraints=part.constraints)
+        into = curve.reversed() if isinstance(curve, JointPath) else backwards(curve)
+        proof = certify(
+            into,
+            part.checker,
+            parting=part.parting,
+            constraints=part.constraints,
+        )
         # both directions have the same configurations, so the proof applies to both
         proof = replace(proof, curve=curve_hash(curve), backwards=True, notes=(*proof.notes, BACKWARDS))
     if proof.free and part.passing is not None:
@@ -505,7 +510,9 @@ def prove_executed(part: MotionPart, executed: ExecutedMotion) -> Certificate:
         if not proof.free:
             break
         own = prove_part(replace(part, parting=()), blend.curve, blend.tolerance)
-        proof = replace(proof, clearance=min(proof.clearance, own.clearance)) if own.free else replace(
-            own, message=f"{blend.name}: {own.message}"
+        proof = (
+            replace(proof, clearance=min(proof.clearance, own.clearance))
+            if own.free
+            else replace(own, message=f"{blend.name}: {own.message}")
         )
     return proof

@@ -15,19 +15,23 @@ from typing import Any
 import numpy as np
 
 from pinproof.collision import (
+    COVERED,
+    SAMPLES,
+    SPARE,
     Certificate,
     CertificateStatus,
     ExecutedPart,
-    blend_cover,
     executed_parts,
     is_proven_free,
+    largest_zone,
     overlaps,
     program_motions,
     speed_violations,
+    timed_step,
     trace_line,
     traced,
     unknown_speeds,
-    zone_shares,
+    zones_of,
 )
 from pinproof.common.results import Shown, View
 from pinproof.errors import InputError, UnknownNameError
@@ -43,7 +47,6 @@ from pinproof.motion import (
     LinearMove,
     MotionProgram,
     MotionRecord,
-    Profile,
     ProgramEvent,
     ProgramPick,
     ProgramSegment,
@@ -54,7 +57,6 @@ from pinproof.motion import (
     Wait,
     certificate_id,
     controller_motion,
-    fastest,
     fewest_moves,
     find_dialect,
     is_program_file,
@@ -151,13 +153,12 @@ def export_picks(
             f"the picks use the tools {', '.join(sorted(map(str, tools)))}, but a program does not change the tool; "
             "export the picks of each tool"
         )
-    language = find_dialect(dialect)
-    deviation = language.deviation if deviation is None else deviation
+    deviation = find_dialect(dialect).deviation if deviation is None else deviation
     # The moves of each pick, with the outputs and waiting times between them
     steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
     executed = list[ProgramPick]()
     for pick, program in picks:
-        made = PickMoves(setup, pick, program, deviation, language.zones)
+        made = PickMoves(setup, pick, program, deviation, zones_of(dialect))
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
@@ -187,15 +188,6 @@ def export_picks(
     duration = program_duration(written, setup.checker.arm)
     return PicksProgram(written, certificates, duration, sum(program.duration for _, program in picks), notes)
 
-
-SAMPLES = (25, 97)
-"""Numbers of points of a motion among which the ends of joint moves are chosen."""
-
-SPARE = (0.0, 0.01, 0.03)
-"""rad: deviations that joint moves permit beside that of the controller, so that there is more space for zones."""
-
-COVERED = 4e-4
-"""rad: what zones are proven with, beside the deviation, because joint values are rounded and linear moves are traced."""
 
 ROUNDS = 6
 """How often moves are made slower until all limits are kept."""
@@ -268,7 +260,11 @@ class PickMoves:
             into = self._line("approach", end, pick.before(self._task.grasp(member)), pick.approach)
         elif last in ("leave", "retreat") or place is None:
             stage = "leave" if last == "leave" else "retreat"
-            pose = place.after(self._task.release(member)) if last == "leave" and place else pick.after(self._task.grasp(member))
+            pose = (
+                place.after(self._task.release(member))
+                if last == "leave" and place
+                else pick.after(self._task.grasp(member))
+            )
             out = self._line(stage, here, pose, 1.0)
         else:
             out = self._line("retreat", here, pick.after(self._task.grasp(member)), pick.retreat)
@@ -285,12 +281,16 @@ class PickMoves:
         ]
         found = [moves for moves in made if moves is not None]
         if not found:
-            names = " and ".join(segment.name for segment in stretch)
-            raise NoMoves(f"pick {pick.name!r}: no joint moves for {names} are proven collision-free")
+            what = " and ".join(segment.name for segment in stretch)
+            raise NoMoves(f"pick {pick.name!r}: no joint moves for {what} are proven collision-free")
         best = min(found, key=lambda moves: moves.motion.duration)
         names = [segment.name for segment in stretch]
-        for stage, blend, move, profile in zip(best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True):
-            self.moves[stage if stage in names else names[0]].append(self._step(stage, blend, move, profile))
+        for stage, blend, move, profile in zip(
+            best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True
+        ):
+            self.moves[stage if stage in names else names[0]].append(
+                timed_step(self._arm, move, profile, blend, linear=stage not in FREE_MOTIONS)
+            )
         return np.asarray(best.motion.moves[-1].path.end)
 
     def _line(self, stage: str, q: Array, pose: SE3, length: float) -> _Line | None:
@@ -321,7 +321,7 @@ class PickMoves:
         if leaving[0] is not None and lines[0] is not None:
             stages, paths = [leaving[0].stage], [lines[0]]
         if spare is not None:
-            part = next((p for p in self._parts.values() if p.name in ("transit", "transfer", "pick")))
+            part = next(p for p in self._parts.values() if p.name in ("transit", "transfer", "pick"))
             first = here if lines[0] is None else lines[0].end
             last = end if lines[1] is None else lines[1].end
             points = self._joint_moves(stretch, part, first, last, spare)
@@ -342,7 +342,8 @@ class PickMoves:
             blend = zone = None
             if k + 1 < len(paths):
                 allowed = [min(0.5, most.get(stage, 0.5)) for stage in stages[k : k + 2]]
-                blend, zone = self._zone(part, path, paths[k + 1], allowed)
+                proven = partial(self._proven, part, COVERED)
+                blend, zone = largest_zone(self._zones, self._arm, path, paths[k + 1], proven, allowed)
             blends.append(blend)
             moves.append(ControllerMove(path, None, zone))
         return _Moves(tuple(stages), tuple(blends), self._within_limits(stages, moves))
@@ -351,15 +352,14 @@ class PickMoves:
         self, stretch: Sequence[ProgramSegment], part: MotionPart, first: Array, last: Array, spare: float
     ) -> Array | None:
         """The points (k, n) of proven joint moves between two configurations, chosen along the motion."""
-        names, even = self._arm.joint_names, np.full(self._arm.dof, self._deviation + spare)
+        names = self._arm.joint_names
 
         def proven(one: Array, other: Array) -> bool:
-            line = JointPath(np.stack([one, other]), names)
-            if not is_proven_free(line, part.checker, joint_tolerance=even):
-                return False
-            return not (part.constraints or part.passing) or prove_part(part, line, even).free
+            return self._proven(part, spare, JointPath(np.stack([one, other]), names), np.zeros(len(names)))
 
-        motion = np.concatenate([segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch])
+        motion = np.concatenate(
+            [segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch]
+        )
         begin, finish = (int(np.abs(motion - q).max(axis=1).argmin()) for q in (first, last))
         for count in SAMPLES:
             inner = np.unique(np.linspace(begin, max(finish, begin), count).round().astype(int))[1:-1]
@@ -368,22 +368,12 @@ class PickMoves:
                 return found
         return None
 
-    def _zone(
-        self, part: MotionPart, into: JointPath, out: JointPath, allowed: Sequence[float]
-    ) -> tuple[Blend | None, tuple[float, float] | None]:
-        """The largest zone between two moves that uses no more than the allowed shares of them and is proven."""
-        for blend in self._zones:
-            shares = [zone_shares(blend, self._arm, path.q) for path in (into.reversed(), out)]
-            if any(upper > most for (upper, _), most in zip(shares, allowed, strict=True)):
-                continue
-            curve, extent = blend_cover(blend, self._arm, into, out)
-            tolerance = extent + self._deviation + COVERED
-            if not is_proven_free(curve, part.checker, joint_tolerance=tolerance):
-                continue
-            if (part.constraints or part.passing) and not prove_part(part, curve, tolerance).free:
-                continue
-            return blend, (shares[0][1], shares[1][1])
-        return None, None
+    def _proven(self, part: MotionPart, more: float, path: JointPath, extent: Array) -> bool:
+        """Whether a free path is proven with an extent (n,) of each joint, the deviation and ``more`` (rad)."""
+        tolerance = extent + self._deviation + more
+        if not is_proven_free(path, part.checker, joint_tolerance=tolerance):
+            return False
+        return not (part.constraints or part.passing) or prove_part(part, path, tolerance).free
 
     def _within_limits(self, stages: Sequence[str], moves: Sequence[ControllerMove]) -> ControllerMotion:
         """The motion, as slow as the limits of torques, of the grip and of the tool require."""
@@ -406,16 +396,6 @@ class PickMoves:
                 for move, profile in zip(own, motion.profiles, strict=True)
             ]
         return motion
-
-    def _step(self, stage: str, blend: Blend | None, move: ControllerMove, profile: Profile) -> JointMove | LinearMove:
-        """The step of a move, with its duration and its speed."""
-        q = move.path.end
-        if stage in ("transit", "transfer"):
-            percent = max(1, min(100, round(100 * profile.peak / fastest(move.path, self._arm.limits).peak)))
-            return JointMove(q, profile.duration, blend, percent=percent)
-        ends = [self._arm.forward_kinematics(end) for end in (move.path.start, q)]
-        length = float(np.linalg.norm(ends[1].translation - ends[0].translation))
-        return LinearMove(q, ends[1], profile.duration, speed=profile.peak * length, blend=blend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -512,8 +492,8 @@ def certify_picks_program(
     """Certify what a controller executes according to the text of a program of picks, in the cell of the picks.
 
     The moves and blends of the text are certified under the conditions of each part of a pick, with the deviation that
-    the text states; a blend between two motions under those of the free one. They must reach the grasp and the release of the pick, where the hand must hold
-    the part.
+    the text states; a blend between two motions under those of the free one. They must reach the grasp and the release
+    of the pick, where the hand must hold the part.
 
     Parameters
     ----------
@@ -557,7 +537,9 @@ def certify_picks_program(
     for part in executed_parts(program, arm, traces):
         parts.setdefault(part.line, []).append(part)
     timed = {line: motion.trajectory for lines, motion in program_motions(program, arm, traces) for line in lines}
-    overlapping = [f"the blend at line {line} may overlap with the one before it" for line in overlaps(program, arm, traces)]
+    overlapping = [
+        f"the blend at line {line} may overlap with the one before it" for line in overlaps(program, arm, traces)
+    ]
     too_fast = "; ".join(speed_violations(program, arm, traces))
     fault = too_fast or "; ".join([*untraced, *overlapping])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
@@ -577,7 +559,7 @@ def certify_picks_program(
                 raise InputError(f"the {name} of pick {planned.name!r} has {count} moves, which the text does not have")
             points = [move.q for move in (moves[0], moves[-1]) if isinstance(move, JointMove | LinearMove)]
             start = moves[-1]
-            motion = time_parametrise(JointPath(points, program.joint_names), arm.limits)
+            motion = time_parametrise(JointPath(np.array(points), program.joint_names), arm.limits)
             # a pick without an object has one certificate for all of its motions
             certified = "pick" if by_name[planned.name].object_name is None else name
             record = MotionRecord(certified, 0, 0, "UNDECIDED", None, 0, 0, "", "")
@@ -601,7 +583,10 @@ def certify_picks_program(
                 owned[following if ends and following is not None else key].append(part)
         shown = {
             key: ExecutedMotion(
-                JointPath(np.concatenate([part.curve.q for part in own if not part.blend]), program.joint_names),
+                JointPath(
+                    np.concatenate([p.curve.q for p in own if isinstance(p.curve, JointPath) and not p.blend]),
+                    program.joint_names,
+                ),
                 np.max([part.tolerance for part in own if not part.blend], axis=0),
                 tuple(part for part in own if part.blend),
                 timed[moved[key][0]],
@@ -609,7 +594,9 @@ def certify_picks_program(
             for key, own in owned.items()
             if moved[key] and not untraced
         }
-        proofs = setup.recertify(executed, by_name[planned.name], deviation=program.deviation, executed=None if untraced else shown)
+        proofs = setup.recertify(
+            executed, by_name[planned.name], deviation=program.deviation, executed=None if untraced else shown
+        )
         if fault:
             wrong = partial(replace, status=status, clearance=math.nan, message=fault)
             proofs = tuple(wrong(proof) if too_fast or untraced or proof.free else proof for proof in proofs)

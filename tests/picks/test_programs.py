@@ -14,7 +14,7 @@ import pytest
 import pinproof as pp
 from pinproof.collision.certificates.certificate import curve_hash
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import Blend, JointMove, MotionProgram, RobotProgram, SetOutput, Wait
+from pinproof.motion import Blend, JointMove, LinearMove, MotionProgram, RobotProgram, SetOutput, StreamedPoint, Wait
 from pinproof.picks import REPORT_SUFFIXES, PickReport, certify_picks_program, export_picks, write_motion_pages
 
 from .conftest import cell_of
@@ -182,9 +182,16 @@ def test_a_carried_part_is_gripped_at_the_grasp_and_released_at_the_place(report
     assert [on for _, on in switched] == [True, False]
     assert [step.seconds for step in steps if isinstance(step, Wait)] == [0.5, 0.25]
     ends = [motion.trajectory.end for motion in verdict.motions if motion.name in ("approach", "place")]
+    arm = report.setup.checker.arm
     for (k, _), q in zip(switched, ends, strict=True):
-        assert np.abs(steps[k - 1].q - q).max() < 1e-5
-    assert all(step.blend is None for step in steps if isinstance(step, JointMove))
+        reached = steps[k - 1].pose if steps[k - 1].q is None else arm.forward_kinematics(steps[k - 1].q)
+        assert np.linalg.norm(reached.translation - arm.forward_kinematics(q).translation) < 1e-4
+    # Few moves, linear next to the part, in little more time than the motion takes
+    moves = made.program.moves
+    assert len(moves) <= 12
+    assert made.duration <= 1.1 * made.motion_duration
+    assert [type(moves[k]) for k in (-4, -3, -2, -1)].count(LinearMove) >= 2
+    assert all(isinstance(steps[k - 1], LinearMove) and steps[k - 1].blend is None for k, _ in switched)
     # The text alone is certified with the picks, and is undecided without them
     read = RobotProgram.parse(made.program.text, dialect=made.program.dialect)
     certificates, notes = certify_picks_program(report.setup, [verdict.pick], read)
@@ -197,9 +204,12 @@ def test_a_carried_part_is_gripped_at_the_grasp_and_released_at_the_place(report
 def test_moves_between_stops_take_as_long_as_the_limits_require(report, text) -> None:
     arm = report.setup.checker.arm
     for before, after in pairwise(text.moves):
+        if not isinstance(after, JointMove):
+            continue
         needed = pp.time_parametrise(pp.JointPath([before.q, after.q], arm.joint_names), arm.limits).duration
         # The text rounds joints to 1e-6 rad; a time grows at most in proportion to the relative change of a distance.
         rounding = 1e-6 / np.abs(after.q - before.q).max()
+        assert after.blend is None or after.blend.radius > 0.0
         assert after.duration >= needed * (1.0 - rounding) - 2e-6
 
 
@@ -280,11 +290,11 @@ def test_robot_programs_that_do_not_fit_are_refused(report, text, certified) -> 
     steps = text.steps
     last = max(k for k, step in enumerate(steps) if isinstance(step, SetOutput))
     at = next(k for k, step in enumerate(steps) if isinstance(step, JointMove)) + 1
-    blended = replace(steps[at], blend=Blend(0.01))
+    point = StreamedPoint(steps[at].q, 0.008)
     for changed, named in (
         ({"steps": (*steps[:last], replace(steps[last], output="do_9"), *steps[last + 1 :])}, "do_9"),
         ({"steps": (replace(steps[0], duration=0.5), *steps[1:])}, "first point"),
-        ({"steps": (*steps[:at], blended, *steps[at + 1 :])}, "stop"),
+        ({"steps": (*steps[:at], point, *steps[at + 1 :])}, "joint moves and linear moves only"),
         ({"steps": steps[:-1]}, r"moves|continues"),
         ({"steps": (*steps, steps[-1])}, r"moves|continues"),
         ({"joint_names": text.joint_names[::-1]}, "joints"),
@@ -294,6 +304,17 @@ def test_robot_programs_that_do_not_fit_are_refused(report, text, certified) -> 
             certified(replace(text, **changed))
     with pytest.raises(UnknownNameError, match="over_the_wall"):
         certify_picks_program(report.setup, [], text)
+
+
+def test_a_blend_that_leads_into_an_obstacle_is_not_free(text, certified) -> None:
+    """The zone between the transit and the approach covers the wall of the bin if it is large."""
+    at = next(k for k, step in enumerate(text.steps) if isinstance(step, LinearMove)) - 1
+    for radius, free in ((0.005, True), (0.045, False)):
+        blended = replace(text.steps[at], blend=Blend(radius))
+        first, *others = certified(text, *text.steps[:at], blended, *text.steps[at + 1 :])
+        assert first.free is free
+        assert free or "blend at line" in first.message
+        assert all(proof.free for proof in others)
 
 
 def test_a_move_that_is_too_fast_is_not_free(made, certified) -> None:

@@ -146,30 +146,13 @@ class OutputOptions:
             raise InputError("--export-deviation needs --export")
         return self.output is not None and check_report_output(self.output, pp.picks.REPORT_SUFFIXES)
 
-    def write(self, report: pp.picks.PickReport, *, is_folder: bool) -> tuple[str, bool]:
-        """Write the report and, to a folder, the motions and programs of the good picks.
-
-        The result states what was written, empty without -o, and whether it includes each program of ``--export``.
-        """
-        output = self.output
-        if output is None or not is_folder:
-            if output is not None:
-                report.save(output)
-            return str(output or ""), True
-        stems = report.save_folder(
-            output, pages=self.pages, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell
-        )
-        names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
-        if not stems:
-            return names, True
-        more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
-        picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
-        text = f"{names}; for {picks} its motion and program, such as {more}"
-        if self.export is None or report.setup is None:
-            return text, True
-
-        count, notes = report.export_programs(
-            output,
+    def export_programs(self, report: pp.picks.PickReport) -> pp.picks.PickReport:
+        """Write the programs of ``--export`` to the folder; the report with them."""
+        if self.export is None or self.output is None or report.setup is None:
+            return report
+        self.output.mkdir(parents=True, exist_ok=True)
+        report, notes = report.export_programs(
+            self.output,
             self.export,
             output=self.gripper_output,
             deviation=self.export_deviation,
@@ -178,7 +161,25 @@ class OutputOptions:
         )
         for note in notes:
             print_note(f"note: {note}")
-        return f"{text}; {count} programs in {self.export}", count == len(stems)
+        return report
+
+    def write(self, report: pp.picks.PickReport, *, is_folder: bool) -> str:
+        """Write the report and, to a folder, the motions of the good picks; the text names the files, if any."""
+        output = self.output
+        if output is None or not is_folder:
+            if output is not None:
+                report.save(output)
+            return str(output or "")
+        stems = report.save_folder(
+            output, pages=self.pages, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell
+        )
+        names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
+        if not stems:
+            return names
+        more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
+        picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
+        text = f"{names}; for {picks} its motion and program, such as {more}"
+        return text if self.export is None else f"{text}; {len(report.exported)} programs in {self.export}"
 
 
 @dataclass(frozen=True)
@@ -296,14 +297,16 @@ def pick(
         report = error.result
         if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
-    # The answer, then the files, whose names are part of it
+    # The answer, with the programs that are written, then the files, whose names are part of it
+    report = out.export_programs(report)
     if as_json:
         print_json(report.to_dict() if profiled is None else {**report.to_dict(), "profile": profiled.to_dict()})
     else:
         print_report(report)
         if profiled is not None:
             print_line(f"\n{profiled.to_text()}")
-    files, complete = out.write(report, is_folder=is_folder)
+    files = out.write(report, is_folder=is_folder)
+    complete = out.export is None or len(report.exported) == len(report.good)
     if files and not as_json:
         print_line(f"wrote {files}")
     # An interrupted run is neither a success nor a failure of the picks

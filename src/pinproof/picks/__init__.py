@@ -59,6 +59,7 @@ from pinproof.picks.judging.verdict import (
 )
 from pinproof.picks.report.profile import BodyTime, PickProfile, StageTime, profile_picks
 from pinproof.picks.report.program_export import (
+    ExportedProgram,
     PicksProgram,
     ProgramCheck,
     certify_picks_program,
@@ -69,7 +70,8 @@ from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_moti
 
 __all__ = [
     "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
-    "CampaignResult", "CellRobot", "Conveyor", "CupContact", "FingerContact", "GraspCandidate", "GraspSpin",
+    "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact", "GraspCandidate",
+    "GraspSpin",
     "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "HandsResult", "Intercept",
     "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType", "Pick",
     "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",

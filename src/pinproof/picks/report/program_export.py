@@ -34,6 +34,7 @@ from pinproof.collision import (
     zones_of,
 )
 from pinproof.common.results import Shown, View
+from pinproof.common.structs import key, struct
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import (
@@ -71,6 +72,21 @@ from pinproof.picks.judging.timing import ExecutedMotion, MotionPart, part_again
 from pinproof.spatial import SE3, Array
 
 
+@struct("exported", written=True)
+class ExportedProgram:
+    """A program of a controller that was written for a good pick."""
+
+    pick: str = key("the name of the pick")
+    language: str = key("the language of the program")
+    moves: int = key("number of moves, with that to the first point")
+    duration: float = key("seconds by the rules of the controller, without the move to the first point")
+    motion_duration: float = key("seconds of the certified motion, which the other figures of the pick describe")
+
+    def __str__(self) -> str:
+        longer = 100.0 * (self.duration / self.motion_duration - 1.0)
+        return f"{self.moves} moves, {self.duration:.2f} s ({longer:+.1f} %)"
+
+
 @dataclass(frozen=True, eq=False)
 class PicksProgram:
     """A ``program`` that executes picks, as read from its text, with the ``certificates`` of the motions of each pick.
@@ -90,11 +106,6 @@ class PicksProgram:
     def free(self) -> bool:
         """Whether every motion is proven."""
         return all(each.free for motions in self.certificates for each in motions)
-
-    @property
-    def longer(self) -> float:
-        """By which share the program takes longer than the motions of the picks."""
-        return self.duration / self.motion_duration - 1.0
 
 
 def export_picks(
@@ -576,23 +587,23 @@ def certify_picks_program(
                     clock = events[-1].end
         executed = MotionProgram(planned.name, tuple(segments), tuple(events), records, member=planned.member)
         # The blend between two motions belongs to the free one, whose conditions permit no contact
-        owned: dict[str, list[ExecutedPart]] = {key: [] for key in moved}
-        for (key, lines), following in zip(moved.items(), [*list(moved)[1:], None], strict=True):
+        owned: dict[str, list[ExecutedPart]] = {name: [] for name in moved}
+        for (hashed, lines), following in zip(moved.items(), [*list(moved)[1:], None], strict=True):
             for part in (part for line in lines for part in parts.get(line, ())):
-                ends = part.blend and part.line == lines[-1] and records[key].name not in FREE_MOTIONS
-                owned[following if ends and following is not None else key].append(part)
+                ends = part.blend and part.line == lines[-1] and records[hashed].name not in FREE_MOTIONS
+                owned[following if ends and following is not None else hashed].append(part)
         shown = {
-            key: ExecutedMotion(
+            hashed: ExecutedMotion(
                 JointPath(
                     np.concatenate([p.curve.q for p in own if isinstance(p.curve, JointPath) and not p.blend]),
                     program.joint_names,
                 ),
                 np.max([part.tolerance for part in own if not part.blend], axis=0),
                 tuple(part for part in own if part.blend),
-                timed[moved[key][0]],
+                timed[moved[hashed][0]],
             )
-            for key, own in owned.items()
-            if moved[key] and not untraced
+            for hashed, own in owned.items()
+            if moved[hashed] and not untraced
         }
         proofs = setup.recertify(
             executed, by_name[planned.name], deviation=program.deviation, executed=None if untraced else shown

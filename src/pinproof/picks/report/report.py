@@ -20,7 +20,7 @@ from pinproof.motion import MotionProgram, find_dialect
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
-from pinproof.picks.report.program_export import export_picks
+from pinproof.picks.report.program_export import ExportedProgram, NoMoves, export_picks
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
@@ -28,6 +28,15 @@ def problem_row(problem: PickProblem) -> dict[str, Any]:
     judged = {"verdict": PickStatus.UNREADABLE.value, "failed_at": Stage.INPUT.value}
     return {"name": problem.name, **judged, "reason": problem.reason, "row": problem.row}
 
+
+FIGURES = (
+    "clearance, duration and torque are those of the certified motion of the robot; the column of a language has the "
+    "moves and the duration of the program of its controller, which has a certificate of its own"
+)
+"""Which figures of a report are of the motion, and which of programs."""
+
+FEW_MOVES, LONGER = 12, 1.1
+"""Moves of a program, and its duration by that of the certified motion, above which a note states it."""
 
 Column: TypeAlias = Callable[[PickVerdict], object]
 """A column of a report: its value for a verdict."""
@@ -81,6 +90,10 @@ class PickReport(Saved, Written):
         "number of picks without a verdict, because the run was interrupted", default=0, minimum=0, added=True
     )
 
+    exported: tuple[ExportedProgram, ...] = key(
+        "the programs of controllers that :meth:`export_programs` wrote", default=(), added=True
+    )
+
     columns: Mapping[str, Column] = key(
         "further columns of the table, of the CSV and of the page: a function of the verdict for each name",
         default_factory=dict,
@@ -118,6 +131,8 @@ class PickReport(Saved, Written):
             for own in ([f"{column} {text}" for column, text in zip(self.columns, texts, strict=True) if text],)
         )
         notes = [f"not covered: {note}" for note in self.notes]
+        if self.exported:
+            notes.append(FIGURES)
         notes.append(self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}")
         table = Rows((*COLUMNS, *self.columns), rows, colours=[theme.VERDICTS[row[1]] for row in rows])
         return View(f"{self.robot}: {self.summary}", [table, notes], lines, len(rows))
@@ -287,7 +302,7 @@ class PickReport(Saved, Written):
         deviation: float | None = None,
         grip_dwell: float = 0.0,
         release_dwell: float = 0.0,
-    ) -> tuple[int, list[str]]:
+    ) -> tuple[PickReport, list[str]]:
         """Write each good pick as a program of a robot controller, if what its text executes is proven.
 
         Parameters
@@ -301,25 +316,39 @@ class PickReport(Saved, Written):
 
         Returns
         -------
-        tuple[int, list[str]]
-            The number of programs that were written, and what is not covered or not written, in sentences.
+        tuple[PickReport, list[str]]
+            The report with the programs that were written, which are a further column too, and what is not covered or
+            not written, in sentences.
         """
-        dialect, count, notes = find_dialect(language), 0, list[str]()
+        dialect, written, notes = find_dialect(language), list[ExportedProgram](), list[str]()
         programs = self.programs(grip_dwell=grip_dwell, release_dwell=release_dwell)
         stems = file_stems(program.name for program in programs)
         for verdict, program, stem in zip(self.good, programs, stems, strict=True):
             if self.setup is None:
                 raise InputError("the report has no set-up in which a program could be certified")
             picks, gripper = [(verdict.pick, program)], output or dialect.outputs
-            exported = export_picks(self.setup, picks, language, output=gripper, name=stem, deviation=deviation)
-            notes += exported.notes
-            if exported.free:
-                exported.program.save(Path(folder) / f"{stem}{dialect.endings[0]}")
-                count += 1
+            try:
+                made = export_picks(self.setup, picks, language, output=gripper, name=stem, deviation=deviation)
+            except NoMoves as error:
+                notes.append(f"the {language} program of {stem} is not written: {error}")
+                continue
+            notes += made.notes
+            if made.free:
+                made.program.save(Path(folder) / f"{stem}{dialect.endings[0]}")
+                moves = len(made.program.moves)
+                name = verdict.pick.name
+                written.append(ExportedProgram(name, language, moves, made.duration, made.motion_duration))
+                if moves > FEW_MOVES or made.duration > LONGER * made.motion_duration:
+                    notes.append(f"the {language} program of {stem} is long: {written[-1]}")
             else:
-                failed = next(proof for proof in exported.certificates[0] if not proof.free)
-                notes.append(f"the {language} program of {stem} is not written: {failed.message}")
-        return count, notes
+                failed = next(proof for proof in made.certificates[0] if not proof.free)
+                notes.append(
+                    f"the {language} program of {stem} is not written: {failed.message}; a smaller assumed deviation "
+                    "of the controller may help (deviation, --export-deviation)"
+                )
+        shown = {own.pick: str(own) for own in written}
+        report = self.with_columns({language: lambda verdict: shown.get(verdict.pick.name)})
+        return replace(report, exported=(*self.exported, *written)), notes
 
     def save_folder(
         self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, pages: bool = False

@@ -9,6 +9,7 @@ from pinproof.motion.controller_time import (
     fastest as fastest,
     fewest_moves as fewest_moves,
     with_points_beside as with_points_beside,
+    without_slow_zones as without_slow_zones,
 )
 from pinproof.motion.curve import (
     MEET_TOLERANCE as MEET_TOLERANCE,

@@ -115,12 +115,13 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
         gain = float((acceleration / travel).min())
         return Profile(float((velocity / travel).min()), gain, gain)
     # While it accelerates from rest at the rate g, the squared rate of the share s is 2 g s, so that a joint needs
-    # g |q' + 2 s q''|; on the part up to s, g is at most the least of what the joints permit. The same from the end
+    # g |q' + 2 s q''|; on the part up to s, g is at most the least of what the joints permit. The same holds from the
+    # end backwards, where the slope has the other sign.
     shares = np.linspace(0.0, 1.0, 2 * len(path.q) - 1)
     slope, bend = (spline_of(path)(shares, order) for order in (1, 2))
     permitted = SAMPLED * acceleration
     reached = []
-    for along, turned in ((slope, bend), (slope[::-1], bend[::-1])):
+    for along, turned in ((slope, bend), (-slope[::-1], bend[::-1])):
         rates = (permitted / np.maximum(np.abs(along + 2.0 * shares[:, None] * turned), 1e-12)).min(axis=1)
         reached.append(2.0 * np.minimum.accumulate(rates) * shares)
     best: Profile | None = None
@@ -198,6 +199,16 @@ def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> C
         both = 0.0 if move.zone is None else together(profiles[k], profiles[k + 1], move.zone)
         starts.append(starts[-1] + profiles[k].duration - both)
     return ControllerMotion(tuple(moves), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
+
+
+def without_slow_zones(moves: Sequence[ControllerMove], limits: JointLimits) -> ControllerMotion:
+    """The motion of moves with a stop in place of each zone that saves no time, because both moves turn there."""
+    motion = controller_motion(moves, limits)
+    for k in range(len(moves) - 1):
+        stopping = [replace(move, zone=None) if i == k else move for i, move in enumerate(motion.moves)]
+        other = controller_motion(stopping, limits)
+        motion = other if other.duration < motion.duration else motion
+    return motion
 
 
 def _trajectory(

@@ -59,6 +59,7 @@ from pinproof.motion import (
     find_dialect,
     make_program,
     with_points_beside,
+    without_slow_zones,
 )
 from pinproof.spatial import Array
 
@@ -588,7 +589,8 @@ def _moves_between_rests(
             ]
             ends.append((None, None))
             moves = [ControllerMove(path, None, zone) for path, (_, zone) in zip(paths, ends, strict=True)]
-            made = controller_motion(moves, arm.limits), [blend for blend, _ in ends]
+            motion = without_slow_zones(moves, arm.limits)
+            made = motion, [blend if move.zone else None for move, (blend, _) in zip(motion.moves, ends, strict=True)]
             best = made if best is None or made[0].duration < best[0].duration else best
         # No faster than the curve, which may be slow for a reason
         if best is not None:

@@ -63,6 +63,7 @@ from pinproof.motion import (
     is_program_file,
     make_program,
     time_parametrise,
+    without_slow_zones,
 )
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import MOUNTED
@@ -357,6 +358,8 @@ class PickMoves:
                 blend, zone = largest_zone(self._zones, self._arm, path, paths[k + 1], proven, allowed)
             blends.append(blend)
             moves.append(ControllerMove(path, None, zone))
+        moves = list(without_slow_zones(moves, self._arm.limits).moves)
+        blends = [blend if move.zone else None for blend, move in zip(blends, moves, strict=True)]
         return _Moves(tuple(stages), tuple(blends), self._within_limits(stages, moves))
 
     def _joint_moves(

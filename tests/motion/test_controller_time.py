@@ -1,0 +1,108 @@
+"""The motion of a controller by its rules, compared with a step-by-step simulation of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.motion import ControllerMove, controller_motion, fastest, fewest_moves, without_slow_zones
+
+STEP = 1e-4
+
+
+@pytest.fixture(scope="module")
+def arm() -> pp.Arm:
+    arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(7)
+    acceleration = rng.uniform(3.0, 20.0, 6)
+    return arm.with_limits(replace(arm.limits, acceleration=acceleration, acceleration_source="measured"))
+
+
+def simulated_share(top: float, gain: float, loss: float) -> np.ndarray:
+    """The share of a move at each step: it accelerates, and brakes when the rest of the way needs it."""
+    passed, rate, rows = 0.0, 0.0, [0.0]
+    while passed < 1.0 - 1e-7:
+        faster = min(rate + gain * STEP, top, np.sqrt(2.0 * loss * (1.0 - passed)))
+        passed += min((rate + faster) / 2.0, faster) * STEP
+        rate = faster
+        rows.append(min(passed, 1.0))
+    return np.array(rows)
+
+
+def moves_of(arm: pp.Arm, rng: np.random.Generator, count: int) -> list[pp.JointPath]:
+    q = np.cumsum(np.vstack([arm.home, rng.uniform(-0.8, 0.8, (count, 6))]), axis=0)
+    return [pp.JointPath(q[k : k + 2], arm.joint_names) for k in range(count)]
+
+
+def test_a_joint_move_takes_the_time_of_a_simulated_synchronous_trapezoid(arm) -> None:
+    rng = np.random.default_rng(0)
+    for (path,) in (moves_of(arm, rng, 1) for _ in range(20)):
+        travel = np.abs(path.q[1] - path.q[0])
+        gain = (arm.limits.acceleration / travel).min()
+        seconds = STEP * (len(simulated_share((arm.limits.velocity / travel).min(), gain, gain)) - 1)
+        assert controller_motion([ControllerMove(path)], arm.limits).duration == pytest.approx(seconds, rel=2e-3)
+
+
+@pytest.mark.parametrize("zone", [None, (0.1, 0.2), (0.5, 0.5)])
+def test_superposed_moves_are_those_of_a_simulation_and_keep_all_limits(arm, zone) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        paths = moves_of(arm, rng, 3)
+        zones = [zone, zone, None]
+        if zone is None:
+            with_stops = controller_motion([ControllerMove(path) for path in paths], arm.limits)
+            assert with_stops.duration == pytest.approx(sum(fastest(path, arm.limits).duration for path in paths))
+            continue
+        made = controller_motion([ControllerMove(p, None, z) for p, z in zip(paths, zones, strict=True)], arm.limits)
+        stopping = sum(fastest(path, arm.limits).duration for path in paths)
+        assert without_slow_zones(made.moves, arm.limits).duration <= min(stopping, made.duration) + 1e-9
+        # Each move simulated alone from its start; the displacements add up
+        times = np.arange(0.0, made.duration + STEP, STEP)
+        q = np.tile(paths[0].start, (len(times), 1))
+        for path, profile, start in zip(paths, made.profiles, made.starts, strict=True):
+            shares = simulated_share(profile.peak, profile.gain, profile.loss)
+            at = np.clip((times - start) / STEP, 0.0, len(shares) - 1.0)
+            q += np.interp(at, np.arange(len(shares)), shares)[:, None] * (path.end - path.start)
+        found = made.trajectory(np.minimum(times, made.trajectory.duration))
+        assert np.abs(found - q).max() < 2e-3
+        # Finite differences keep the limits
+        rates = np.diff(found, axis=0) / STEP
+        assert (np.abs(rates) <= arm.limits.velocity * (1.0 + 1e-3) + 1e-3).all()
+        coarse = made.trajectory(np.arange(0.0, made.trajectory.duration, 5e-3))
+        bends = np.abs(np.diff(coarse, 2, axis=0)) / 25e-6
+        assert (bends <= arm.limits.acceleration * (1.0 + 1e-3) + 1e-2).all()
+
+
+def test_a_linear_move_keeps_the_limits_of_the_joints_on_the_whole_line(arm) -> None:
+    q = np.array([0.3, -1.2, 1.5, -1.9, -1.5, 0.2])
+    target = arm.forward_kinematics(q)
+    target.translation += [0.0, 0.0, -0.15]
+    path = pp.collision.trace_line(arm, q, target).path
+    motion = controller_motion([ControllerMove(path)], arm.limits)
+    dense = motion.trajectory(np.arange(0.0, motion.duration, 2e-3))
+    assert (np.abs(np.diff(dense, axis=0)) / 2e-3 <= arm.limits.velocity).all()
+    assert (np.abs(np.diff(dense, 2, axis=0)) / 4e-6 <= 1.01 * arm.limits.acceleration).all()
+    tcp = arm.forward_kinematics_batch(dense)[:, :3, 3]
+    assert np.abs(tcp[:, :2] - tcp[0, :2]).max() < 1e-6
+    optimal = pp.time_parametrise(pp.motion.CubicPath.through(path.q[::20], arm.joint_names), arm.limits)
+    assert optimal.duration <= motion.duration <= 1.25 * optimal.duration
+
+
+def test_joint_moves_lead_through_few_points_with_proven_lines_only(arm) -> None:
+    """A wall in the plane of two joints, around which the points lead."""
+    along = np.linspace(0.0, np.pi, 21)
+    points = np.zeros((21, 6))
+    points[:, 0], points[:, 1] = -np.cos(along), np.sin(along)
+
+    def proven(one, other) -> bool:
+        line = one + np.linspace(0.0, 1.0, 200)[:, None] * (other - one)
+        return bool((np.linalg.norm(line[:, :2], axis=1) > 0.6).all())
+
+    found = fewest_moves(points, arm.limits, proven)
+    assert len(found) <= 4
+    np.testing.assert_array_equal(found[[0, -1]], points[[0, -1]])
+    assert all(proven(*pair) for pair in pairwise(found))
+    assert fewest_moves(points, arm.limits, lambda *_: False) is None

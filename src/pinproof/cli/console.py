@@ -222,6 +222,8 @@ def print_report(report: PickReport) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from pinproof.picks import FIGURES
+
     # The columns depend on the width of the terminal, so that no text is cropped
     console = Console(highlight=False)
     narrow = console.width < ONE_LINE_WIDTH  # then stage and figures share columns, so that no text is cropped
@@ -233,11 +235,13 @@ def print_report(report: PickReport) -> None:
         table.add_column(column, overflow="fold")
     # One row for each pick, with its suggestions below the reason
     suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
-    for name, verdict, stage, clearance, duration, reason, _ in report.rows():
+    for name, verdict, stage, clearance, duration, reason, _, *own in report.rows():
         # Text objects, because Rich would interpret brackets in a string as markup.
         place = f"{chr(10) if narrow else ' '}at {stage}" if stage else ""
         outcome = Text.assemble((verdict.upper(), _STYLES.get(verdict, "")), place)
         explanation = Text(reason)
+        for column, cell in zip(report.columns, own, strict=True):
+            explanation.append(f"\n{column}: {cell}" if cell else "")
         for suggestion in suggestions.get(name, ()):
             explanation.append(f"\nsuggestion: {suggestion}", "bold")
         shown = ("\n".join(filter(None, (clearance, duration))),) if narrow else (clearance, duration)
@@ -246,6 +250,8 @@ def print_report(report: PickReport) -> None:
     print_line(report.summary)
     if guessed and report.good:
         print_line(f"* {guessed}")
+    if report.exported:
+        print_line(FIGURES)
     for note in report.notes:
         print_line(f"not covered: {note}")
 

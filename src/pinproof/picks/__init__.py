@@ -66,10 +66,10 @@ from pinproof.picks.report.program_export import (
     export_picks,
     recertify_program,
 )
-from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport, write_motion_pages
+from pinproof.picks.report.report import FIGURES, REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
-    "DOWN", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
+    "DOWN", "FIGURES", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact", "GraspCandidate",
     "GraspSpin",
     "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "HandsResult", "Intercept",

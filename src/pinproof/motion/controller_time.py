@@ -18,15 +18,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from pinproof.common.structs import described, key
 from pinproof.model import JointLimits
 from pinproof.motion.paths import JointPath
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 # Speeds of a linear move that are compared, as shares of the largest that the velocities of the joints permit.
 SPEEDS = np.geomspace(0.02, 1.0, 160)
@@ -146,6 +149,8 @@ def together(one: Profile, other: Profile, zone: tuple[float, float]) -> float:
 
 def spline_of(path: JointPath) -> CubicSpline:
     """The curve through the points of a move, by the share of it that is passed."""
+    from scipy.interpolate import CubicSpline
+
     return CubicSpline(np.linspace(0.0, 1.0, len(path.q)), path.q)
 
 

@@ -46,10 +46,12 @@ def about(at, *wrenches) -> np.ndarray:
 # -- loads -------------------------------------------------------------------------------------------------------------
 
 
-def test_share_is_within_the_bracket_of_linear_programmes(arm) -> None:
+@pytest.mark.parametrize(("points", "count"), [(8, 12), (60, 4)])
+def test_share_is_within_the_bracket_of_linear_programmes(arm, points, count) -> None:
+    """Joined to 6 x 6 cells, patches of many points transmitted up to 30 % less, where tilting moments limit them."""
     rng, done = np.random.default_rng(0), 0
-    while done < 12:
-        _, contacts, wrench = random_grasp(rng, 8)
+    while done < count:
+        _, contacts, wrench = random_grasp(rng, points)
         try:
             (share,) = HoldLimits(arm, pp.Payload(1.0), contacts).shares([wrench])
         except InputError:

@@ -25,12 +25,9 @@ from pinproof.motion.rate_limits import controls_of
 from pinproof.motion.trajectory import Trajectory
 from pinproof.spatial import SE3, Array, finite
 
-CELLS = 6
-"""A patch of many points is divided into so many cells along each side, each of which presses at its centre. By the
-triangle inequality, this transmits less torsion than the patch: by 1 % for a square."""
-
-DIRECTIONS = 20
-"""Sides of the polygon about a patch of many points at whose edge the pressure may decrease to zero."""
+CELLS = 16
+"""A patch of more than CELLS^2 points is divided into so many cells along each side, each of which presses at its
+centre. By the triangle inequality, this transmits less than the patch: by 0.4 % of tilting moments for a square."""
 
 
 @described(eq=False)
@@ -87,12 +84,10 @@ class ContactPatch:
             np.stack([np.bincount(cells, values) for values in rows.T], axis=1) / counts[:, None]
             for rows in (self.points, plane)
         )
-        # The uniform pressure, and those that decrease linearly to zero at one side of a polygon about the patch: their
+        # The uniform pressure, and those that decrease linearly to zero at one side of the hull of the points: their
         # convex combinations are all linear pressures that are positive within the polygon
-        angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        sides = np.stack([np.cos(angle), np.sin(angle)])
-        if len(plane) <= CELLS**2 and np.linalg.matrix_rank(plane) == 2:
-            sides = ConvexHull(plane).equations[:, :2].T
+        is_area = np.linalg.matrix_rank(plane) == 2
+        sides = ConvexHull(plane).equations[:, :2].T if is_area else np.array([[1.0, -1.0], [0.0, 0.0]])
         reach = (plane @ sides).max(axis=0)
         lean = np.divide(place @ sides, reach, out=np.zeros((len(place), len(reach))), where=reach > 0.0)
         lean = np.column_stack([np.zeros(len(place)), lean])

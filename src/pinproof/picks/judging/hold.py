@@ -28,8 +28,9 @@ RIM_POINTS = 16
 """Points of the rim of a cup, each at the centre of its arc."""
 
 PROVEN = 1.03
-"""A larger share is proven to exceed what the grip transmits: shares are upper bounds within a relative 2e-4, and cells
-of a patch transmit 1 % less torsion than the patch. It is also at least what :data:`SAME_NORMAL` changes."""
+"""A larger share is proven to exceed what the grip transmits: shares are upper bounds within a relative 2e-4, and the
+cells of a patch of many points transmit somewhat less than the patch. It is also at least what :data:`SAME_NORMAL`
+changes."""
 
 SAME_NORMAL = 1e-3
 """rad: normals of finger and part that differ by less are equal."""

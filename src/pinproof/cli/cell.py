@@ -79,6 +79,19 @@ class OrderOptions:
     free_end: bool = option("End after the last pick instead of at home.", False)
     file_order: bool = option("Keep the order of the file, and choose only grasps and IK branches.", False)
     options: int = option("Number of grasps and IK branches that are considered for each pick.", 4, min=1)
+    windings: list[str] | None = option(
+        'A budget of rotation of a joint, relative to home: "wrist_3_joint=400 deg"; can be given several times. '
+        "Replaces those of the file.",
+        None,
+        metavar="JOINT=ANGLE",
+    )
+
+    def budgets(self) -> dict[str, Any] | None:
+        """The budgets of rotation as texts, by joint; None if none is given."""
+        pairs = [text.partition("=") for text in self.windings or ()]
+        if wrong := next((name for name, equals, _ in pairs if not equals), None):
+            raise InputError(f'--windings {wrong!r}: state a joint and an angle, such as "wrist_3_joint=400 deg"')
+        return {name.strip(): angle.strip() for name, _, angle in pairs} or None
 
 
 def cell_sequence(
@@ -126,6 +139,7 @@ def cell_sequence(
                 end="free" if ordering.free_end else "home",
                 budget=pp.cell.SequenceBudget(options=ordering.options),
                 order=[pick.name for pick in chosen] if ordering.file_order else None,
+                windings=ordering.budgets(),
                 workers=workers,
                 progress=lambda work, done, total: show(WORK.get(work, work), done, total),
             )

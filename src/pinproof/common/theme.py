@@ -57,6 +57,7 @@ TONES = {
 
 PHASES = {
     "transit": "#5b7aa8",
+    "unwind": "#8a5ba8",
     "approach": "#3f9b6d",
     "grip": COLOURS["bad"],
     "retreat": "#8bbf5a",

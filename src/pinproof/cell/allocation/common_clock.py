@@ -37,7 +37,7 @@ Mask = npt.NDArray[np.bool_]
 WAIT = "wait"
 """The name of a rest until the other arm has left."""
 
-SAFE = ("transit", "retreat", "transfer", "leave")
+SAFE = ("transit", "unwind", "retreat", "transfer", "leave")
 """The motions after which an arm may wait: at their ends the hand is not at a part."""
 
 

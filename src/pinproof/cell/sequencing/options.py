@@ -355,10 +355,10 @@ def connected(setup: PickSetup, checker: CollisionChecker, start: Array, jobs: l
                     queue.append(members[~inside])
                 break
     pairs = zip(options, shifts[1:].reshape(-1, 2, len(start)), strict=True)
-    rotated = iter([_rotated(checker.arm, option, *both) for option, both in pairs])
+    turned = iter([rotated(checker.arm, option, *both) for option, both in pairs])
     connected_jobs = []
     for job in jobs:
-        reached = tuple(option for option in [next(rotated) for _ in job.options] if option is not None)
+        reached = tuple(option for option in [next(turned) for _ in job.options] if option is not None)
         connected_jobs.append(replace(job, options=reached) if reached else job)
     return connected_jobs
 
@@ -385,7 +385,7 @@ def _groups(checker: CollisionChecker, q: Array, times: Array, joined: list[tupl
     return group
 
 
-def _rotated(arm: Arm, option: PickOption, entrance: Array, exit_: Array) -> PickOption | None:
+def rotated(arm: Arm, option: PickOption, entrance: Array, exit_: Array) -> PickOption | None:
     """The option with full rotations (n,) of the pick and of the release; None if they are NaN or beyond a limit."""
     if not np.isfinite([entrance, exit_]).all():
         return None

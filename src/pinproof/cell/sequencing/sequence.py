@@ -8,7 +8,7 @@ bound, and the order is improved again until the certified time no longer decrea
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
@@ -28,6 +28,7 @@ from pinproof.cell.sequencing.transits import (
     closing_motion,
     scene_after,
 )
+from pinproof.cell.sequencing.windings import home_of_budgeted, refuse_small_budgets, within_windings, wound
 from pinproof.collision import Scene
 from pinproof.common.structs import key, struct
 from pinproof.errors import InputError, NoAnswer, RunInterrupted
@@ -49,6 +50,7 @@ def sequence(
     grip_dwell: float = 0.0,
     release_dwell: float = 0.0,
     order: Iterable[str] | None = None,
+    windings: Mapping[str, float] | None = None,
     budget: SequenceBudget | None = None,
     executor: Executor | None = None,
     workers: int | None = None,
@@ -74,6 +76,9 @@ def sequence(
         Seconds that the arm rests at each grasp and at each release.
     order
         A given order of all names, for which only the options are chosen.
+    windings
+        Budgets of rotation by joint, in rad or as text such as ``"400 deg"``: at every instant, the joint stays within
+        its budget of its value at home. Default: those of the picks.
     budget
         The effort of the search.
     executor, workers
@@ -90,9 +95,10 @@ def sequence(
     Raises
     ------
     InputError
-        If names are not unique, precedence is contradictory, or two picks carry the same object.
+        If names are not unique, precedence is contradictory, two picks carry the same object, or a budget of rotation
+        is too small for a pick.
     UnknownNameError
-        If the precedence or the order names a pick that does not exist.
+        If the precedence or the order names a pick that does not exist, or ``windings`` a joint.
     NoAnswer
         If no order was found in which all motions are certified.
     RunInterrupted
@@ -111,10 +117,11 @@ def sequence(
             raise InputError(f"the order {wrong}; it must name every pick once")
     budget = budget or SequenceBudget()
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
+    limited = within_windings(setup, windings)
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
-    ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
+    ends = _configuration(limited, start, "start"), _configuration(limited, end, "end")
     with Runner(executor=executor, workers=workers, progress=progress) as runner:
-        run = SequenceRun(setup, given, pairs, ends, dwell, budget, runner, fixed_order)
+        run = SequenceRun(limited, setup, given, pairs, ends, dwell, budget, runner, fixed_order)
         try:
             run.prepare()
             run.optimise()
@@ -140,9 +147,9 @@ class JudgedPicks(NamedTuple):
 
 def judge_options(setup: PickSetup, picks: Iterable[Pick], budget: SequenceBudget) -> JudgedPicks:
     """Judge picks, each in the scene without the other parts, and estimate their times without an order."""
-    given = _checked(setup, picks)
+    given, limited = _checked(setup, picks), within_windings(setup, None)
     home, none = (setup.home, setup.home), Precedence.stated((pick.name for pick in given), ())
-    run = SequenceRun(setup, given, none, home, (0.0, 0.0), budget, Runner())
+    run = SequenceRun(limited, setup, given, none, home, (0.0, 0.0), budget, Runner())
     run.prepare()
     names, seconds = run.precedence.names, {}
     if run.jobs:
@@ -271,6 +278,8 @@ class SequenceRun:
     """The work on one sequence; it keeps the best result so far."""
 
     setup: PickSetup
+    unlimited: PickSetup
+    """The setup without the budgets of rotation, which are limits of the arm of the other one."""
     picks: tuple[Pick, ...]
     given: Precedence
     ends: tuple[Array | None, Array | None]
@@ -316,11 +325,17 @@ class SequenceRun:
         task = PickOptions(setup, fixed, frozenset(parts), self.budget.options)
         self.runner.report("options", 0, len(ready))
         jobs = self.runner.run("options", task, ready, CHUNK)
+        # a pick that only a budget of rotation excludes
+        windings = setup.shared.windings
+        for i, job in enumerate(jobs):
+            if windings and not job.options:
+                refuse_small_budgets(setup, replace(task, setup=self.unlimited)(i, ready[i : i + 1])[0])
         # the full rotations that a path from the start reaches
         start = setup.home if self.ends[0] is None else self.ends[0]
         jobs = connected(setup, setup.checker.with_scene(fixed), start, jobs)
         self.precedence = self.given.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
         self.required = self.precedence
+        jobs = wound(setup.checker.arm, setup.home, jobs, windings)
         self.jobs, self.options = jobs, [(job, option) for job in jobs for option in job.options]
         # picks without an option are left out
         failed = {}
@@ -637,7 +652,9 @@ class SequenceRun:
                 certified.places, certified.verdicts, certified.scenes, strict=False
             ):
                 pick = self.picks[self.given.names.index(self.options[number][0].pick.name)]
-                steps.append(SequenceStep(pick, verdict, scene, now, bounds, *self.dwell, self.tool_change or 0.0))
+                rests = *self.dwell, self.tool_change or 0.0
+                budgeted = home_of_budgeted(self.setup)
+                steps.append(SequenceStep(pick, verdict, scene, now, bounds, *rests, budgeted))
                 now = steps[-1].end
         return SequenceResult(
             self.setup,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -11,6 +11,7 @@ from pathlib import Path
 
 from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import Precedence
+from pinproof.cell.sequencing.windings import CableTwist, home_of_budgeted, twists, unwound
 from pinproof.collision import Certificate, Scene, proven_millimetres
 from pinproof.common import structs as st
 from pinproof.common.files import csv_text
@@ -24,7 +25,10 @@ from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, sim
 CHANGE = ("return", "change")
 """The phases of a change of the tool: the motion to home, and the change there."""
 
-PHASES = (*CHANGE, "transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
+UNWIND = "unwind"
+"""The phase of a transit that turns a joint with a budget of rotation back by full rotations."""
+
+PHASES = (*CHANGE, UNWIND, "transit", "approach", "grip", "retreat", "transfer", "place", "release", "leave")
 """The phases of a step in order: motions, the change of the tool, and the dwell times grip and release."""
 
 
@@ -42,7 +46,7 @@ class SequencePhase:
 
     name: str = st.key(
         f"one of {', '.join(f'`{name}`' for name in PHASES)}; `change` of the tool, `grip` and `release` are "
-        "dwell times",
+        "dwell times; `unwind` is a transit that turns a joint with a budget of rotation back by full rotations",
         kind=st.choice(*PHASES),
     )
     start: float = st.key("from the start of the sequence", "s", minimum=0)
@@ -93,6 +97,9 @@ class SequenceStep:
     grip_dwell: float = st.key("the rest at the grasp", "s", default=0.0, hidden=True)
     release_dwell: float = st.key("the rest at the release", "s", default=0.0, hidden=True)
     tool_change: float = st.key("the change of the tool at home, if it is changed", "s", default=0.0, hidden=True)
+    budgeted: Mapping[str, float] = st.key(
+        "the values at home of the joints with a budget of rotation", default_factory=dict, hidden=True
+    )
 
     @st.reported(kind=st.TEXT)
     def name(self) -> str:
@@ -112,7 +119,7 @@ class SequenceStep:
         grip_after = max(k for k, motion in enumerate(motions) if motion.name in ("transit", "approach"))
         released = [k for k, motion in enumerate(motions) if motion.name in ("transfer", "place")]
         for k, motion in enumerate(motions):
-            parts = [SequencePhase(motion.name, now, motion.trajectory.duration, motion)]
+            parts = [SequencePhase(_phase_of(motion, self.budgeted), now, motion.trajectory.duration, motion)]
             if motion.name == "return":
                 parts.append(SequencePhase("change", 0.0, self.tool_change, None))
             if k == grip_after:
@@ -204,7 +211,14 @@ class SequenceStep:
         if self.verdict.motions[0].name == "return":
             reason = "begins with a change of the tool, which a program does not state; export its motions instead"
             raise InputError(f"the step of pick {self.name!r} {reason}")
-        return self.verdict.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
+        program = self.verdict.program(grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
+        # the name of a first motion that unwinds states which joints, and by how much
+        first = program.segments[0]
+        turned = unwound(first.trajectory, self.budgeted)
+        if not turned or first.name != "transit":
+            return program
+        text = ", ".join(f"{joint} by {360 * turns} deg" for joint, turns in turned.items())
+        return replace(program, segments=(replace(first, name=f"{UNWIND} {text}"), *program.segments[1:]))
 
 
 PRECEDENCE = st.report_table(
@@ -226,7 +240,7 @@ SLOWEST, SHOWN = 3, 20
     "sequence",
     first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
            "lower_bound", "gap", "file_order", "nearest_neighbour", "tool_changes", "parts_per_minute",
-           "clearance_proven", "by_phase", "closing", "steps", "left_out", "precedence"),
+           "clearance_proven", "by_phase", "closing", "twist", "steps", "left_out", "precedence"),
     written=True,
     version="pinproof/sequence/1",
     eq=False,
@@ -284,6 +298,7 @@ class SequenceResult(Answer, Saved, Written):
             orders = f"{self.file_order:.2f} s and of the nearest neighbour {self.nearest_neighbour:.2f} s"
             bounds = f"lower bound {self.lower_bound:.2f} s, motions {self.moving:.2f} s"
             lines += [f"{bounds}; bounds of the file order {orders}", f"utilisation: {shares}"]
+            lines += [f"twist from home: {'; '.join(map(str, self._budgeted))}"] if self._budgeted else []
             for step in self.slowest(SLOWEST):
                 lines.append(f"slow: {step.name}, {step.duration:.2f} s, limited by {step.limited_by}")
         return "\n".join(lines)
@@ -393,9 +408,28 @@ class SequenceResult(Answer, Saved, Written):
     @st.reported("s", kind=st.mapping_to(st.NOT_NEGATIVE))
     def by_phase(self) -> dict[str, float]:
         """Time of all picks by phase, in the order of the phases; the closing motion counts as transit."""
-        closing = () if self.closing is None else (SequencePhase("transit", 0.0, self.closing_time, self.closing),)
+        name = self._closing_phase
+        closing = () if self.closing is None else (SequencePhase(name, 0.0, self.closing_time, self.closing),)
         total = _by_phase([*closing, *(phase for step in self.steps for phase in step.phases)])
         return {name: total[name] for name in PHASES if total.get(name)}
+
+    @cached_property
+    def _twist(self) -> tuple[CableTwist, ...]:
+        motions = [motion.trajectory for motion in self.motions]
+        return twists(self.setup.checker.arm, self.setup.home, self.setup.shared.windings, motions)
+
+    @property
+    def _budgeted(self) -> list[CableTwist]:
+        return [own for own in self._twist if own.budget is not None]
+
+    @st.reported()
+    def twist(self) -> tuple[CableTwist, ...]:
+        """Rotation from home of each joint with a budget, and of those that can turn by more than a full rotation."""
+        return self._twist
+
+    @property
+    def _closing_phase(self) -> str:
+        return "transit" if self.closing is None else _phase_of(self.closing, home_of_budgeted(self.setup))
 
     @property
     def utilisation(self) -> dict[str, float]:
@@ -477,7 +511,8 @@ class SequenceResult(Answer, Saved, Written):
             for phase in step.phases
         ]
         if self.closing is not None:
-            bars.append(Bar("transit", "transit", end, self.closing_time, "transit"))
+            name = self._closing_phase
+            bars.append(Bar(name, name, end, self.closing_time, name))
         free = "FREE" if all(motion.certificate.free for motion in self.motions) else "UNPROVEN"
         write_cell_page(
             path,
@@ -490,13 +525,14 @@ class SequenceResult(Answer, Saved, Written):
                 ("parts per minute", f"{self.parts_per_minute:.1f}"),
                 ("above the lower bound", f"{100 * self.gap:.1f} %"),
                 (f"motions, smallest proven clearance {proven_millimetres(self.clearance)}", free),
+                *((f"twist from home of {own.joint}", str(own).removeprefix(own.joint)) for own in self._budgeted),
             ],
             notes=[f"Not covered: {note}" for note in self.notes],
             duration=self.duration,
             rows=rows,
             left_out=[(pick.name, pick.reason) for pick in self.left_out],
             bars=bars,
-            lanes=[name for name in PHASES if name not in CHANGE or name in self.by_phase],
+            lanes=[name for name in PHASES if name not in (*CHANGE, UNWIND) or name in self.by_phase],
             acceleration_source=self.acceleration_source,
             heat_map=heat_map,
         )
@@ -504,6 +540,11 @@ class SequenceResult(Answer, Saved, Written):
     def _why_not(self) -> str:
         reasons = "; ".join(f"{pick.name}: {pick.reason}" for pick in self.left_out) or "the search was interrupted"
         return f"the sequence lacks picks: {reasons}"
+
+
+def _phase_of(motion: PickMotion, budgeted: Mapping[str, float]) -> str:
+    """The phase of a motion: its name, or that of an unwinding move."""
+    return UNWIND if motion.name == "transit" and unwound(motion.trajectory, budgeted) else motion.name
 
 
 def _by_phase(phases: Iterable[SequencePhase]) -> dict[str, float]:

@@ -347,7 +347,7 @@ STAGE_SPEEDS = st.Table(
 )
 
 
-def _angle_in(stated: Any) -> Any:
+def angle_in(stated: Any) -> Any:
     """An angle of a file: ``5 deg``, ``0.1 rad``, or a number in radians."""
     if not isinstance(stated, str) or not stated.strip().endswith(tuple(ANGLE_UNITS)):
         return st.parsed(stated)
@@ -357,13 +357,12 @@ def _angle_in(stated: Any) -> Any:
         raise InputError(str(error)) from None
 
 
+ANGLE_TEXT = st.simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"})
+
 UPRIGHT = st.simple(
-    st.any_of(
-        st.number(minimum=SMALLEST, below=np.pi / 2),
-        st.simple({"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"}),
-    ).schema,
+    st.any_of(st.number(minimum=SMALLEST, below=np.pi / 2), ANGLE_TEXT).schema,
     lambda name, value: require_number(name, value, "rad", minimum=SMALLEST, below=np.pi / 2),
-    _angle_in,
+    angle_in,
 )
 
 _OBSTACLE = st.table_of(Obstacle)

@@ -20,10 +20,23 @@ from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, assemble
 from pinproof.picks.input.parts import PART_TYPE, PartType, grasps_of
-from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.pick import ANGLE_TEXT, Pick, angle_in
 from pinproof.picks.input.settings import Conveyor, GripLimits, PickBudget
 from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, Hand, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
+from pinproof.units import parse_angle, refuse_degree_limit
+
+
+def _winding(name: str, stated: object) -> float:
+    try:
+        angle = parse_angle(stated) if isinstance(stated, str) else require_number(name, stated, "rad")
+    except ValueError as error:
+        raise InputError(f"{name}: {error}") from None
+    refuse_degree_limit(name, angle)
+    return require_number(name, angle, "rad", above=0)
+
+
+WINDING = st.simple(st.any_of(st.number(above=0), ANGLE_TEXT).schema, _winding, angle_in)
 
 
 @st.struct("frame", eq=False)
@@ -113,7 +126,7 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     rules=[ONE_HOLDER],
     first=(
         "robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp", "held", "scene", "margin",
-        "margins", "home", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools",
+        "margins", "home", "windings", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools",
         "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "robots", "frames",
     ),
 )  # fmt: skip
@@ -182,6 +195,13 @@ class Picks(RobotAndHand, Shown):
         default_factory=dict,
         kind=st.mapping_to(st.NUMBER, "joint names to values"),
         shown=None,
+    )
+    windings: Mapping[str, float] = st.key(
+        "budgets of rotation of revolute joints, by name, such as `400 deg`: at every instant of a "
+        "[sequence](sequence.md), a joint stays within its budget of its value at home. Single picks are not limited",
+        "rad",
+        default_factory=dict,
+        kind=st.mapping_to(WINDING, "joint names to angles"),
     )
     checks: st.Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = st.key(
         "checks of configurations at the grasp, each a :class:`~pinproof.picks.PickCheck`",
@@ -473,7 +493,7 @@ def _position(content: Any, steps: tuple[Any, ...]) -> str:
 def _places(content: LinedMapping) -> dict[str, str]:
     """The positions of what can be checked only together with the robot."""
     places = {name: content.place(name) for name in ("robot", "tcp", "xacro_args") if name in content}
-    for name in ("xacro_args", "held"):
+    for name in ("xacro_args", "held", "windings"):
         inner = content.get(name)
         if isinstance(inner, LinedMapping):
             places.update({f"{name}.{own}": inner.place(own, f"key {name},") for own in inner})

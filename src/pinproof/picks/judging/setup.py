@@ -37,6 +37,7 @@ from pinproof.picks.judging.task import (
     PickCell,
     PickTask,
     check_held_joints,
+    check_windings,
     checker_of_picks,
     gripper_links,
     torque_limits_of_tool,
@@ -119,6 +120,7 @@ class PickSetup:
         picks.check_tools()
         picks.check_parts()
         check_held_joints(arm, picks)
+        check_windings(arm, picks)
         torque_limits_of_tool(arm, picks)
         # The arm at rest in its cell, with the open hand
         checker = checker_of_picks(arm, scene, picks)

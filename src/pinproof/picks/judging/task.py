@@ -24,7 +24,7 @@ from pinproof.collision import (
     point_distance,
 )
 from pinproof.description import moved_by
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup
 from pinproof.motion import HoldLimits, RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import OBJECT, TIP, Member, Pick, family, support_names
@@ -274,6 +274,23 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
                 f"the gripper of the picks: {name} is moved by {mover or 'no joint'}, but the tcp {arm.tcp!r} by "
                 f"{carrier}; name only links of the hand, which are fixed to the tcp or moved by gripping joints"
             )
+
+
+def check_windings(arm: Arm, picks: Picks) -> None:
+    """Raise InputError if a budget of rotation of the picks is not for a revolute joint of the arm."""
+    turning = [name for name, angular in zip(arm.joint_names, arm.angular, strict=True) if angular]
+    for name in picks.windings:
+        if name in turning:
+            continue
+        if name in arm.joint_names:
+            error = InputError(
+                f"windings.{name}: the joint is prismatic and does not wind; joints: {', '.join(turning)}"
+            )
+        else:
+            error = UnknownNameError("joint", name, turning, "windings")
+        if picks.source is None or (place := picks.places.get(f"windings.{name}")) is None:
+            raise error
+        raise PicksError(picks.source, str(error), place) from error
 
 
 def gripper_links(arm: Arm, picks: Picks) -> tuple[str, ...]:

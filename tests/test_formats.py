@@ -133,6 +133,7 @@ EVERYTHING: dict[str, Any] = {
                         "tip": 0.005},
         "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
         "torque_limits": True,
+        "windings": {"wrist_3_joint": "400 deg"},
         "margins": [{"between": ["picker", "table"], "margin": 0}],
         "optimise": 20,
         "straight": 0.75,

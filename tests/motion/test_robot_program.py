@@ -654,3 +654,13 @@ def test_the_load_of_rapid_is_that_of_the_part_in_the_axes_of_the_tool():
     assert "set_target_payload(1.500000, [0.000000, 0.000000, 0.070000])" in texts["urscript"]
     assert texts["krl"].count("$LOAD={M 1.000000,CM {X 0.000000,Y 0.000000,Z 50.000000") == 2
     assert "!PAYLOAD 2 1.500kg ;" in texts["fanuc"]
+
+
+def test_a_tool_without_a_mass_leaves_the_load_to_the_controller():
+    """A payload of 0 would replace that of the installation."""
+    tool = ToolData("gripper", pp.pose((0.0, 0.0, 0.1)))
+    texts = {d: make_program([JointMove(np.zeros(6))], NAMES, dialect=d, tool=tool) for d in MOVING}
+    assert "set_target_payload" not in texts["urscript"].text
+    assert "$LOAD" not in texts["krl"].text
+    assert "PAYLOAD" not in texts["fanuc"].text
+    assert [program.tool.mass for program in texts.values()] == [0.0, 0.001, 0.0, 0.0]

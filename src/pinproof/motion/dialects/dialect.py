@@ -604,14 +604,24 @@ def numbers(
     return Field(pattern, text_of, read_text)
 
 
-def tool_load(shape: str, unit: float, digits: int, least: float = 0.0) -> Field:
-    """The field of the mass of a tool, which is at least ``least``, and its centre of mass in so many units a metre."""
-    return numbers(
+def tool_load(shape: str, unit: float, digits: int, *, least: float = 0.0) -> Field:
+    """The field of the mass of a tool and its centre of mass in so many units a metre.
+
+    Without a stated mass the mass is ``least``; if that is 0, nothing is written, and the controller keeps its own.
+    """
+    stated = numbers(
         "",
         shape,
         lambda step: [max(step.mass, least), *(unit * np.array(step.center_of_mass))],
         lambda v: {"mass": v[0], "center_of_mass": np.array(v[1:]) / unit},
         digits,
+    )
+    if least:
+        return stated
+    return Field(
+        f"(?:{stated.pattern})?",
+        lambda step: stated.write(step) if step.mass else "",
+        lambda text: stated.read(text) if text else {},
     )
 
 

@@ -166,14 +166,18 @@ class Fanuc(Dialect):
         number = Field(INDEX, schedule, lambda _: {})
         again = Field(r"\1", schedule, lambda _: {})
         at = Field(INDEX, place, placed)
-        tool = (_pose("tcp"), tool_load(LOAD, 1e3, 3), constant("name", heading.tool_name))
+        tool = (
+            _pose("tcp"),
+            tool_load(f"\n!PAYLOAD 1 {LOAD}\nPAYLOAD[1] ;", 1e3, 3),
+            constant("name", heading.tool_name),
+        )
         user = (_pose("pose"), constant("name", heading.frame_name))
         if heading.frame_name:
             declared = [Form(UserFrame, "!UFRAME 1 @\nUFRAME_NUM=1 ;@", user, FRAME)]
         else:
             declared = [Form(Setting, "UFRAME_NUM=0 ;", (), FRAME)]
         if heading.tool_name:
-            declared.append(Form(ToolData, "!UTOOL 1 @\nUTOOL_NUM=1 ;\n!PAYLOAD 1 @\nPAYLOAD[1] ;@", tool, TOOL))
+            declared.append(Form(ToolData, "!UTOOL 1 @\nUTOOL_NUM=1 ;@@", tool, TOOL))
         else:
             declared.append(Form(Setting, "UTOOL_NUM=1 ;", (), TOOL))
         return [

@@ -132,7 +132,7 @@ class Krl(Dialect):
         tcp = numbers("tcp", FRAME, lambda step: _xyzabc(step.tcp), _frame_of, 6)
         base = numbers("pose", FRAME, lambda step: _xyzabc(step.pose), _frame_of, 6)
         declared = [
-            (heading.tool_name, ToolData, "$TOOL=@\n$LOAD=@@", (tcp, tool_load(LOAD, 1e3, 6))),
+            (heading.tool_name, ToolData, "$TOOL=@@@", (tcp, tool_load(f"\n$LOAD={LOAD}", 1e3, 6))),
             (heading.frame_name, UserFrame, "$BASE=@@", (base,)),
         ]
         return [

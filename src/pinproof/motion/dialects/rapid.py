@@ -135,7 +135,7 @@ class Rapid(Dialect):
                 f"LOCAL PERS tooldata {tool}:=[TRUE,@,@];@",
                 (
                     _pose("tcp"),
-                    tool_load(LOAD, 1e3, 4, LEAST_MASS),
+                    tool_load(LOAD, 1e3, 4, least=LEAST_MASS),
                     constant("name", heading.tool_name),
                 ),
                 TOOL,

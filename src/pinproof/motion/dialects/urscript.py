@@ -94,8 +94,8 @@ class UrScript(Dialect):
             lambda v: turned(v[:3], v[3:]),
             9,
         )
-        tool = (tcp, tool_load(LOAD, 1.0, 6), constant("name", heading.tool_name))
-        declared = [Form(ToolData, "set_tcp(@)\nset_target_payload(@)@", tool, 0)] if heading.tool_name else []
+        tool = (tcp, tool_load(f"\nset_target_payload({LOAD})", 1.0, 6), constant("name", heading.tool_name))
+        declared = [Form(ToolData, "set_tcp(@)@@", tool, 0)] if heading.tool_name else []
         period = Field(NUMBER, _period, lambda text: {"period": positive(text, largest=float(LOOKAHEAD))})
         return [
             *declared,

@@ -25,7 +25,7 @@ from pinproof.picks import (
 )
 from pinproof.picks.judging import suggest
 from pinproof.picks.judging.lines import Attempt, ToolLine
-from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES, EARLY_TILTS, EARLY_TURNS, TILTS, TURNS
+from pinproof.picks.judging.suggest import DIRECTIONS, DISTANCES, TILTS, TURNS
 from pinproof.picks.judging.task import PickTask
 from pinproof.spatial import SE3
 
@@ -279,27 +279,64 @@ def test_failures_at_later_stages_count_until_a_smaller_change_is_known_to_help(
     assert trials.suggestion() == ShiftSuggestion(by=(10.0, 0, 0), effect=effect)
 
 
-def test_along_a_direction_the_largest_change_that_passes_the_screening_must_be_good() -> None:
-    """The change by 50 mm along x is good; along y only those by up to 15 mm pass the screening, and none is good."""
+def shifts_along_x() -> list[suggest.Change]:
+    return [suggest.Change(PICK, partial(ShiftSuggestion, by=(mm, 0, 0)), float(mm)) for mm in range(1, 101)]
+
+
+def test_changes_are_judged_by_size_among_those_that_pass_the_screening_until_one_is_good() -> None:
+    """Those by an even number of millimetres pass the screening, and those by at least 13 mm are good."""
     seen, screened = [], []
 
     def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
-        seen.append(tuple(np.round((other.pose.translation - PICK.pose.translation) * 1e3).tolist()))
-        return verdict_on(other, good=seen[-1][0] >= 50)
+        seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
+        return verdict_on(other, good=seen[-1] >= 13)
 
     def screen(changes: list[suggest.Change]) -> list[suggest.Change]:
         screened.extend(changes)
-        return [change for change in changes if change.direction[0] or change.size <= 15]
+        return [change for change in changes if change.size % 2 == 0]
 
-    changes = [
-        suggest.Change(PICK, partial(ShiftSuggestion, by=(mm * x, mm * y, 0)), float(mm), (x, y, 0), mm == 50)
-        for mm in DISTANCES
-        for x, y in ((1, 0), (0, 1))
-    ]
     trials = suggest._Trials(verdict, Stage.GRASP, 20, lambda other: True, screen)
-    assert trials.nearest(changes) == ShiftSuggestion(by=(50, 0, 0))
-    assert next(each for each in seen if each[1]) == (0, 15, 0)
-    assert len(screened) == len(set(screened))
+    assert trials.nearest(shifts_along_x()) == ShiftSuggestion(by=(14, 0, 0))
+    assert seen == [2, 4, 6, 8, 10, 12, 14]
+    assert len(screened) == suggest.SCREENED_TOGETHER
+    trials = suggest._Trials(verdict, Stage.GRASP, 5, lambda other: True, screen)
+    trials.nearest(shifts_along_x())
+    assert trials.best is None
+    assert seen[7:] == [2, 4, 6, 8, 10]
+
+
+def test_finer_changes_are_judged_before_a_coarse_one() -> None:
+    seen = []
+
+    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
+        seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
+        return verdict_on(other, good=seen[-1] >= 13)
+
+    trials, every = suggest._Trials(verdict, Stage.GRASP, 9, lambda other: True, list), shifts_along_x()
+    found = trials.nearest(every[9::10], lambda change: every[int(change.size) - 8 : int(change.size) - 1 : 3])
+    assert found == ShiftSuggestion(by=(13, 0, 0))
+    assert seen == [3, 6, 9, 10, 13]
+
+
+def test_a_change_passes_the_screening_if_a_line_leads_from_a_free_configuration_to_another_one(arm) -> None:
+    """Compared with the motions that are planned from each configuration of the closed form."""
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 0.3), pp.pose((0.5, 0.25, 0.25)))
+    pick = replace(PICK, pose=pp.pose((0.6, 0.3, 0.3), DOWN), approach=0.2)
+    task = PickTask(pick, PickSetup.make(arm, pp.Scene([post]), pp.Picks((pick,)), home=None, rng=0).cell)
+    shifts = suggest._vectors((20, 50, 100, 200), len(DIRECTIONS))
+    changes, checker = suggest._shift_changes(task, pick, shifts, of_place=False), task.at_grasp
+    passed, lost = set(suggest._screened(task, changes)), 0
+    for change in changes:
+        grasp, before = (task.target(pose) for pose in (change.pick.pose, change.pick.before(change.pick.pose)))
+        starts = [q for q in pp.AnalyticIk().solve_all(arm, grasp).q if checker.is_free(q)]
+        paths = [
+            pp.planning.RouteFollower(arm=arm).follow(pp.planning.Route.straight(grasp, before), q) for q in starts
+        ]
+        leads = any(found.fraction == 1.0 and checker.is_free(found.path(1.0)) for found in paths)
+        assert (change in passed) == leads, change.suggestion
+        lost += bool(starts) and not leads
+    assert lost > 3
+    assert len(passed) > 10
 
 
 @pytest.mark.parametrize(("longest", "judged", "found"), [(44, [42, 43, 45], 43), (42, [42, 43], 42), (41, [42], None)])
@@ -329,28 +366,9 @@ def test_the_first_length_whose_line_is_possible_is_judged_and_then_longer_ones(
     assert suggestion == (None if found is None else LengthSuggestion(line="retreat", before=80.0, after=float(found)))
 
 
-def test_a_small_budget_is_spent_on_a_few_distances_first_and_then_below_the_good_one() -> None:
-    seen = []
-
-    def verdict(other: pp.Pick, stage: Stage) -> pp.picks.PickVerdict:
-        seen.append(round(float(other.pose.translation[0] - PICK.pose.translation[0]) * 1e3))
-        return verdict_on(other, good=seen[-1] >= 13)
-
-    changes = [
-        suggest.Change(
-            PICK, partial(ShiftSuggestion, by=(mm, 0, 0)), float(mm), (1, 0, 0), mm in suggest.EARLY_DISTANCES
-        )
-        for mm in DISTANCES
-    ]
-    found = suggest._Trials(verdict, Stage.GRASP, 7, lambda other: True, list).nearest(changes)
-    assert found == ShiftSuggestion(by=(15, 0, 0))
-    assert seen[:2] == [5, 20]
-    assert len(seen) <= 7
-
-
 @pytest.mark.parametrize("main", [0, 1, 2])
 def test_turns_about_the_approach_and_tilts_about_both_other_axes_are_candidates(arm, monkeypatch, main) -> None:
-    """The approach is along one axis of the tip. The sizes that are judged first are among those tried."""
+    """The approach is along one axis of the tip."""
     axis = np.eye(3)[main]
     pick = replace(PICK, approach_direction=tuple(axis.tolist()), approach_frame="tip")
     picks, budget = pp.Picks((pick,)), pp.picks.PickBudget(remedies=4)
@@ -363,8 +381,6 @@ def test_turns_about_the_approach_and_tilts_about_both_other_axes_are_candidates
     about = {(main, sign * degrees) for degrees in TURNS for sign in (1, -1)} - {(main, -180)}
     across = {(axis, sign * degrees) for axis in {0, 1, 2} - {main} for degrees in TILTS for sign in (1, -1)}
     assert turns == about | across
-    early = {(change.suggestion.axis[main] != 0.0, change.size) for change in turned if change.early}
-    assert early == {(True, size) for size in EARLY_TURNS} | {(False, size) for size in EARLY_TILTS}
     for change in turned:
         tilt = np.arccos(np.clip((change.pick.pose.rotation @ axis) @ (pick.pose.rotation @ axis), -1.0, 1.0))
         assert np.degrees(tilt) == pytest.approx(0.0 if change.suggestion.axis[main] else change.size, abs=1e-4)

@@ -15,16 +15,15 @@ The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedie
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
-from itertools import chain, product
+from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
 from pinproof.common.steps import step
 from pinproof.ik import Clik
 from pinproof.motion import read_only
@@ -33,11 +32,14 @@ from pinproof.picks.judging.configurations import configurations, has_closed_for
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import SUGGESTIONS, PickVerdict, Stage, StageResult, Suggestion
+from pinproof.planning import RouteFollower
 from pinproof.spatial import SE3, Array, rotation_about, translated
 
 Vector = tuple[float, float, float]
 
 Indices = npt.NDArray[np.int64]
+
+Flags = npt.NDArray[np.bool_]
 
 UP: Vector = (0.0, 0.0, 1.0)
 
@@ -189,8 +191,8 @@ DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 FEW_DISTANCES = (1, 2, 5, 10, 20, 50, 100)
 """Those of them that are tried if all of them exceed the budget of the screening."""
 
-EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
-"""Sizes that are judged first if the budget is less than the number of candidates."""
+FIRST_DISTANCES, FIRST_STRETCHES, FIRST_TURNS, FIRST_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
+"""Sizes that are tried first if not all can be judged, or if the screening does not decide which help."""
 
 DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
 """Directions along the axes of the frame of the pick, between two axes, and between all three."""
@@ -215,20 +217,19 @@ SWEPT, SEARCHED = 8, 40
 
 
 class Shift(NamedTuple):
-    """A shift by (3,) mm and its length; those along one line share a direction."""
+    """A shift by (3,) mm and its length; those along an axis of the frame, or between axes, have a direction."""
 
     by: Array
     size: float
-    direction: tuple[int, ...]
-    early: bool
+    direction: tuple[int, ...] = ()
+    is_first: bool = False
 
 
 @dataclass(eq=False)  # frozen ones take three times as long to make, and a pick has 500
 class Change:
-    """A candidate for a pick: its size (mm, degrees, or metres of lost length) and its direction.
+    """A candidate for a pick: its size (mm, degrees, or metres of lost length) and, of a shift, its direction.
 
-    ``early`` marks the few candidates that are judged first if the budget is less than their number. Most candidates
-    are never judged, so ``make`` states the suggestion when it is asked for. If only the positions of poses change,
+    Most candidates are never judged, so ``make`` states the suggestion when it is asked for. If only positions change,
     ``moves`` are the displacements (2, 3) of the tip in the root frame (m), at the grasp and at the release, and they
     are screened without the changed pick.
     """
@@ -237,7 +238,6 @@ class Change:
     make: Callable[[], Suggestion]
     size: float
     direction: tuple[int, ...] = ()
-    early: bool = False
     moves: Array | None = None
 
     @cached_property
@@ -251,18 +251,12 @@ class Change:
         return self.suggestion.apply(self.stated)
 
 
-def _rotations(
-    task: PickTask,
-    pick: Pick,
-    axes: Iterable[tuple[tuple[int, ...], Array]],
-    sizes: Iterable[int],
-    early: Iterable[int],
-) -> list[Change]:
-    """The pick turned by angles (degrees) to either side about axes (3,) of the tip, each with its direction."""
+def _rotations(task: PickTask, pick: Pick, axes: Iterable[Array], sizes: Iterable[int]) -> list[Change]:
+    """The pick turned by angles (degrees) to either side about axes (3,) of the tip."""
     turned = partial(TurnSuggestion.about, with_place=_keeps_place(task, pick))
     return [
-        Change(pick, partial(turned, axis, float(sign * size)), float(size), (sign, *direction), size in early)
-        for size, (direction, axis), sign in product(sizes, axes, (1, -1))
+        Change(pick, partial(turned, axis, float(sign * size)), float(size))
+        for size, axis, sign in product(sizes, axes, (1, -1))
         if sign * size != -180
     ]
 
@@ -294,7 +288,7 @@ def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_pl
             moves[:, at] = each / 1e3 @ task.root_from(thing.frame).rotation.T
     known = place is None or other is not None or place.pose_of == TIP
     return [
-        Change(pick, partial(moved, k), each.size, each.direction, each.early, moves[k] if known else None)
+        Change(pick, partial(moved, k), each.size, each.direction, moves[k] if known else None)
         for k, each in enumerate(ordered)
     ]
 
@@ -306,15 +300,11 @@ def _vectors(distances: tuple[int, ...], directions: int) -> tuple[Shift, ...]:
     for distance, direction in product(distances, DIRECTIONS[:directions]):
         along = np.array(direction, dtype=float)
         by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
-        early = distance in EARLY_DISTANCES and direction.count(0) == 2
-        shifts.append(Shift(read_only(by), float(np.linalg.norm(by)), direction, early))
+        shifts.append(Shift(read_only(by), float(np.linalg.norm(by)), direction, distance in FIRST_DISTANCES))
     return tuple(shifts)
 
 
 # -- trials -----------------------------------------------------------------------------------------------------------
-
-FRACTIONS = (0.25, 0.5, 0.75, 1.0)
-"""Fractions of the approach at which the screening requires a free configuration."""
 
 SCREENED_TOGETHER = 32
 """Number of candidates that are screened in one call where they are judged by size."""
@@ -322,11 +312,11 @@ SCREENED_TOGETHER = 32
 CHECKS = 4
 """Number of cheap checks of candidates for each candidate that is judged."""
 
-REFINEMENTS = 5
-"""Number of picks judged between two distances of which the larger is good; enough to bisect 20 mm."""
-
 STEP = 1e-3
 """Metres: suggested lengths are multiples of this."""
+
+SCREENED = (Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP, Stage.APPROACH)
+"""Stages that the screening of candidates decides, except for rare cases."""
 
 NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
 """Stages whose failure a small change of the pick cannot systematically correct: invalid input, or a limited search."""
@@ -351,9 +341,8 @@ class _Trials:
         screen: Callable[[list[Change]], list[Change]],
     ) -> None:
         self._judge, self._failed, self.left = judge, failed, budget
-        self._possible, self._checks, self._screen = possible, CHECKS * budget, screen
+        self._possible, self._checks, self.screen = possible, CHECKS * budget, screen
         self._seen: dict[Suggestion, bool] = {}
-        self._may_be_good: dict[Change, bool] = {}
         self.best: Change | None = None
         """The smallest good change so far."""
         self._helps: tuple[Change, Stage] | None = None
@@ -390,61 +379,19 @@ class _Trials:
         effect = f"passes the {self._failed.value} stage and fails at the {stage.value} stage"
         return replace(candidate.suggestion, effect=effect)
 
-    def nearest(self, candidates: list[Change]) -> Suggestion | None:
-        """The suggestion of the smallest good candidate of those, ordered by size, that the budget allows to judge.
+    def nearest(
+        self, candidates: list[Change], finer: Callable[[Change], list[Change]] = lambda _: []
+    ) -> Suggestion | None:
+        """The suggestion of the first good candidate of those, ordered by size, that pass the screening.
 
-        All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then
-        each direction is bisected below the best change found, and the rest of the budget is spent on the others by
-        size. Candidates are screened before, unless they are larger than a good one.
-        """
-        if len(candidates) > self.left:
-            for change in self._screened([change for change in candidates if change.early]):
-                if self.good(change):
-                    break
-        if self.best is not None:
-            tried = set[tuple[int, ...]]()
-            for change in chain([self.best], self._ascending(candidates)):
-                if change.direction not in tried and self.left > 0:
-                    tried.add(change.direction)
-                    line = [each for each in candidates if each.direction == change.direction]
-                    if change.direction == self.best.direction or self._is_largest_good(line):
-                        self.bisect(self._screened(line))
-        for change in self._ascending(candidates):
-            self.good(change)
-        return self.suggestion()
-
-    def _ascending(self, candidates: list[Change]) -> Iterator[Change]:
-        """Those candidates, ordered by size, that are smaller than the best change and pass the screening.
-
-        They are screened as the search proceeds, as long as there is a budget.
+        They are screened in groups as the search proceeds, until one is good or the budget is exhausted. Before each,
+        those that ``finer`` gives for it are judged, which pass the screening and are smaller.
         """
         for first in range(0, len(candidates), SCREENED_TOGETHER):
-            for change in self._screened(candidates[first : first + SCREENED_TOGETHER]) if self.left > 0 else ():
-                if self._smaller(change):
-                    yield change
-
-    def _screened(self, candidates: list[Change]) -> list[Change]:
-        """Those candidates smaller than the best change that pass the screening, each screened once."""
-        smaller = [change for change in candidates if self._smaller(change)]
-        if new := [change for change in smaller if change not in self._may_be_good]:
-            passed = set(self._screen(new))
-            self._may_be_good.update((change, change in passed) for change in new)
-        return [change for change in smaller if self._may_be_good[change]]
-
-    def _is_largest_good(self, line: list[Change]) -> bool:
-        """Whether the largest change along a direction that passes the screening is good; no other is screened."""
-        largest = next((change for change in reversed(line) if self._screened([change])), None)
-        return largest is not None and self.good(largest)
-
-    def bisect(self, line: list[Change]) -> None:
-        """Look for a smaller good candidate along the direction of the best one."""
-        low, high = -1, len(line)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.good(line[middle]) else (middle, high)
-
-    def _smaller(self, change: Change) -> bool:
-        return self.best is None or change.size < self.best.size
+            for change in self.screen(candidates[first : first + SCREENED_TOGETHER]) if self.left > 0 else ():
+                if any(map(self.good, (*finer(change), change))):
+                    return self.suggestion()
+        return self.suggestion()
 
 
 @step(SUGGESTIONS)
@@ -478,6 +425,14 @@ def suggest(
     def trials(*, of_place: bool = False) -> _Trials:
         return _Trials(judge, stage, budget, possible, partial(_screened, task, of_place=of_place))
 
+    def rotated(axes: Iterable[Array], sizes: Iterable[int], first: tuple[int, ...]) -> Suggestion | None:
+        """The smallest good rotation; a few sizes are first if the screening does not decide the stage that failed."""
+        tried, changes = trials(), _rotations(task, pick, axes, sizes)
+        if stage not in SCREENED:
+            tried.nearest([change for change in changes if change.size in first])
+        best = tried.best
+        return tried.nearest([change for change in changes if best is None or change.size < best.size])
+
     # A shorter line, or a retreat in another direction, if a line failed
     found: list[Suggestion | None] = []
     if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
@@ -491,9 +446,9 @@ def suggest(
         found.append(_nearest_shift(task, pick, stage, trials(of_place=True), of_place=True))
     axis = task.pick.axis_in(task.pick.pose)
     if not task.pick.spin.sampled:
-        found.append(trials().nearest(_rotations(task, pick, [((), axis)], TURNS, EARLY_TURNS)))
-    across = [((int(k),), np.eye(3)[k]) for k in np.delete(np.arange(3), int(np.argmax(np.abs(axis))))]
-    found.append(trials().nearest(_rotations(task, pick, across, TILTS, EARLY_TILTS)))
+        found.append(rotated([axis], TURNS, FIRST_TURNS))
+    across = np.delete(np.eye(3), int(np.argmax(np.abs(axis))), axis=0)
+    found.append(rotated(across, TILTS, FIRST_TILTS))
     found.append(_nearest_shift(task, pick, stage, trials(), of_place=False))
     return tuple(suggestion for suggestion in found if suggestion is not None)
 
@@ -530,39 +485,57 @@ def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials:
 def _screened(task: PickTask, candidates: list[Change], *, of_place: bool = False) -> list[Change]:
     """The candidates that may be good.
 
-    They have a grasp with a free configuration, also on its approach, and a release in reach; if only the place is
-    changed (``of_place``), the grasp is not checked.
+    They have a grasp with a free configuration, from which the line of the approach can be followed to a free one, and
+    a release in reach; if only the place is changed (``of_place``), the grasp is not checked.
     """
-    home = task.cell.home
+    home, arm, checker = task.cell.home, task.arm, task.at_grasp
     tasks = {change: PickTask(change.pick, task.cell) if change.moves is None else task for change in candidates}
     if not of_place:
+        # Is a configuration at the grasp free, and one before the approach? That costs a tenth of following a line
         owner, targets = _poses_of(task, tasks, "grasp")
-        fractions = FRACTIONS if task.cell.closed_form and task.pick.approach > 0 else ()
         left = np.arange(len(owner))
-        for fraction in (0.0, *fractions):
-            if len(left):
-                row, q = configurations(task.arm, targets(fraction)[left], home, 0)
-                left = left[_rows_with_a_free(task.at_grasp, row, q)]
+
+        def free_at(share: float) -> Indices:
+            row, q = configurations(arm, targets(share)[left], home, 0)
+            return left[_rows_that_pass(row, lambda tried: checker.is_free_batch(q[tried]))]
+
+        for share in (0.0, 1.0) if task.pick.approach > 0 else (0.0,):
+            left = free_at(share) if len(left) else left
+        # Does a line connect two of them? How far the curve deviates between the solved poses is not bounded here
+        if len(left) and task.pick.approach > 0:
+            row, q = configurations(arm, targets(0.0)[left], home, 0)
+            follower = RouteFollower(arm=arm, deviation=np.inf, rotation_deviation=np.inf, least=1.0)
+            before = targets(1.0)[left]
+
+            def passes(tried: Indices) -> Flags:
+                free = checker.is_free_batch(q[tried])
+                ends = follower.ends_of_lines(q[tried[free]], before[row[tried[free]]])
+                followed = np.isfinite(ends[:, 0])
+                followed[followed] = checker.is_free_batch(ends[followed])
+                free[free] = followed
+                return free
+
+            left = left[_rows_that_pass(row, passes)]
         kept = set(owner[left].tolist())
         tasks = {change: other for i, (change, other) in enumerate(tasks.items()) if i in kept}
     if task.place is None or not tasks:
         return list(tasks)
     owner, targets = _poses_of(task, tasks, "release")
-    row, _ = configurations(task.arm, targets(0.0), home, 0)
+    row, _ = configurations(arm, targets(0.0), home, 0)
     kept = set(owner[row].tolist())
     return [candidate for i, candidate in enumerate(tasks) if i in kept]
 
 
-def _rows_with_a_free(checker: CollisionChecker, row: Indices, q: Array) -> Indices:
-    """The rows with a free configuration, of q (k, n) with ascending rows (k,); of a row, few are checked at first."""
+def _rows_that_pass(row: Indices, passes: Callable[[Indices], Flags]) -> Indices:
+    """The values in the ascending ``row`` (k,) of which an entry passes; of each, few entries are tried at first."""
     rows, start, count = np.unique(row, return_index=True, return_counts=True)
     group, place = np.repeat(np.arange(len(rows)), count), np.arange(len(row)) - np.repeat(start, count)
-    free, begin, size = np.zeros(len(rows), dtype=bool), 0, 1
-    while (left := ~free[group] & (place >= begin)).any():
+    passed, begin, size = np.zeros(len(rows), dtype=bool), 0, 1
+    while (left := ~passed[group] & (place >= begin)).any():
         tried = np.flatnonzero(left & (place < begin + size))
-        free[group[tried[checker.is_free_batch(q[tried])]]] = True
+        passed[group[tried[passes(tried)]]] = True
         begin, size = begin + size, 2 * size
-    return np.asarray(rows[free])
+    return np.asarray(rows[passed])
 
 
 def _poses_of(
@@ -594,7 +567,7 @@ def _poses_of(
 def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *, of_place: bool) -> Suggestion | None:
     """The nearest good shift of the pick, or of its place, along the axes of its frame and between.
 
-    They are bisected to whole millimetres along the direction of the best one. A pose that is out of reach, and a
+    Whole millimetres below the best one are tried along its direction. A pose that is out of reach, and a
     place, is also moved towards the nearest pose that is reached.
     """
     # The directions and distances that the budget of the screening allows
@@ -614,24 +587,41 @@ def _nearest_shift(task: PickTask, pick: Pick, stage: Stage, trials: _Trials, *,
         gap = task.root_from(stated.frame).rotation.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
         largest = np.where(np.arange(3) == np.argmax(np.abs(gap)), gap, 0.0)
         known = {tuple(shift.by.tolist()) for shift in shifts}
-        for (line, part), stretch in product(enumerate((gap, gap * [1, 1, 0], largest)), STRETCHES):
+        for part, stretch in product((gap, gap * [1, 1, 0], largest), STRETCHES):
             by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
             if by.any() and tuple(by.tolist()) not in known:
                 known.add(tuple(by.tolist()))
-                shifts.append(Shift(by, float(np.linalg.norm(by)), (line,), stretch in EARLY_STRETCHES))
-    changes = partial(_shift_changes, task, pick, of_place=of_place)
-    trials.nearest(changes(shifts))
-    # Whole millimetres below the best one, along its direction
-    best = trials.best
-    if best is not None and len(best.direction) == 3:  # a shift along a vector
-        along = np.array(best.direction, dtype=float)
-        steps = [
-            round(float(shift.by @ along / (along @ along))) for shift in shifts if shift.direction == best.direction
-        ]
-        last = round(best.size / float(np.linalg.norm(along)))
-        first = max((step for step in steps if step < last), default=0) + 1
-        trials.left = max(trials.left, REFINEMENTS)
-        size = float(np.linalg.norm(along))
-        between = (Shift(step * along, step * size, best.direction, early=False) for step in range(first, last))
-        trials.bisect(changes(between))
+                shifts.append(Shift(by, float(np.linalg.norm(by)), is_first=stretch in FIRST_STRETCHES))
+    # All in order of size if the budget allows, otherwise few distances first, along the axes before between them
+    changes, done = partial(_shift_changes, task, pick, of_place=of_place), set[int]()
+    every = len(shifts) <= trials.left
+
+    def finer(change: Change) -> list[Change]:
+        """The distances from the next smaller first one and, below the first that passes, whole millimetres."""
+        between: list[Change] = []
+        if not every:
+            smaller = max((d - 1 for d in FIRST_DISTANCES if d < change.size - 1), default=0)
+            if smaller in done:
+                return []
+            done.add(smaller)
+            between = trials.screen(changes(shift for shift in shifts if smaller < shift.size < change.size))
+        first = between[0] if between else change
+        along = np.array(first.direction, dtype=float)
+        if not along.size:
+            return between
+        unit = float(np.linalg.norm(along))
+        least = max((s.size for s in shifts if s.direction == first.direction and s.size < first.size), default=0.0)
+        steps = range(round(least / unit) + 1, round(first.size / unit))
+        finest = [*trials.screen(changes(Shift(k * along, k * unit, first.direction) for k in steps)), *between]
+        return finest[:: 1 + 2 * len(finest) // max(trials.left, 1)]  # at most half of the budget
+
+    axes = [shift for shift in shifts if shift.is_first and (not shift.direction or shift.direction.count(0) == 2)]
+    others = [shift for shift in shifts if shift.is_first and shift.direction and shift.direction.count(0) < 2]
+    ordered = changes(shifts) if every else [*changes(axes), *changes(others)]
+    # Smaller ones are judged before a change if the screening decides whether it passes the stage that failed
+    if stage in SCREENED:
+        return trials.nearest(ordered, finer)
+    trials.nearest(ordered)
+    if trials.best is not None:
+        any(map(trials.good, finer(trials.best)))
     return trials.suggestion()

@@ -13,8 +13,10 @@ import trimesh
 import yaml
 
 import pinproof as pp
-from pinproof.description import read_srdf
+from pinproof.description import read_calibration, read_srdf
 from pinproof.model import JointLimits
+
+from ..model import calibrations
 
 __all__ = ["MJCF", "READERS", "SRDF", "TABLES", "TREES", "URDF", "write_parts"]
 
@@ -301,6 +303,9 @@ READERS: dict[str, Callable[[Path], object]] = {
     "limits.yaml": JointLimits.load,
     "proof.json": pp.verify_proof,
     "dh.csv": pp.DhTable.load,
+    "calibration.conf": read_calibration,
+    "kinematics.yaml": read_calibration,
+    "deltas.csv": read_calibration,
     "picks.csv": _picks,
     "trajectory.csv": pp.Trajectory.load,
     "robot.urdf": _robot,
@@ -309,7 +314,10 @@ READERS: dict[str, Callable[[Path], object]] = {
 }
 """By the name of the file."""
 
+_PERTURBED = calibrations.perturbed("ur5", 1)
+KINEMATICS = yaml.safe_load(calibrations.kinematics_text(_PERTURBED))
 TREES = {
+    "kinematics.yaml": (KINEMATICS, yaml_text),
     "dh.yaml": (DH, yaml_text),
     "scene.yaml": (SCENE, yaml_text),
     "moveit.yaml": (MOVEIT, yaml_text),
@@ -321,7 +329,13 @@ TREES = {
 }
 """What stands in a file, and how it is written."""
 
-TABLES = {"dh.csv": DH_CSV, "picks.csv": PICKS_CSV, "trajectory.csv": _trajectory_csv()}
+TABLES = {
+    "dh.csv": DH_CSV,
+    "picks.csv": PICKS_CSV,
+    "trajectory.csv": _trajectory_csv(),
+    "calibration.conf": calibrations.conf_text("ur5", _PERTURBED),
+    "deltas.csv": calibrations.csv_text("ur5", _PERTURBED),
+}
 
 
 def write_parts(folder: Path) -> None:

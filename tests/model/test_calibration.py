@@ -206,7 +206,7 @@ WRONG = {
     "another count": ("conf", CONF, "panda", ["6 joints", "panda_joint7"]),
     "five numbers": ("conf", with_value(CONF, "delta_a", "").replace("[ ,", "["), "ur5", ["line 4", "delta_a", "5"]),
     "millimetres": ("conf", millimetres(CONF), "ur5", ["mm", "metres"]),
-    "nan": ("conf", with_value(CONF, "delta_d", "nan"), "ur5", ["line 3", "delta_d", "joint 1", "nan"]),
+    "nan": ("conf", with_value(CONF, "delta_d", "nan"), "ur5", ["line 3", "delta_d[0]", "nan"]),
     "no number": ("conf", with_value(CONF, "delta_alpha", "0.1x"), "ur5", ["line 5", "delta_alpha", "0.1x"]),
     "no section": ("conf", CONF.replace("[mounting]", "[other]"), "ur5", ["[mounting]", "delta_theta"]),
     "no key": ("conf", CONF.replace("delta_d", "delta_e"), "ur5", ["delta_d", "[mounting]"]),

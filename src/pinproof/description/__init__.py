@@ -2,6 +2,7 @@
 
 from pinproof.common import faces
 from pinproof.description.calibration import (
+    JOINTS_OF_UR as JOINTS_OF_UR,
     Calibration as Calibration,
     calibration_format as calibration_format,
     read_calibration as read_calibration,

@@ -25,17 +25,18 @@ Differences of a Denavit-Hartenberg table (CSV)
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 
+from pinproof.common import structs as st
 from pinproof.common.files import is_file, read_text, read_yaml
-from pinproof.common.structs import errors_of, key, parsed, simple, step, struct, table_of
-from pinproof.description.dh import MAKES, NAME, VALUE, csv_content
+from pinproof.description.dh import CONVENTIONS, MAKES, NAME, VALUE, CsvRow, csv_content
 from pinproof.description.urdf import Urdf, UrdfJoint, origin, rpy_matrix
 from pinproof.description.xml_reader import origin_attributes, parse_text
 from pinproof.errors import CalibrationError, FileError, InputError, UnknownNameError
@@ -46,10 +47,36 @@ CONF, KINEMATICS, DELTAS = (
     "the kinematics of a Universal Robots arm, as their ROS driver writes it",
     "differences of a Denavit-Hartenberg table",
 )
-SUFFIXES = (".conf", ".yaml", ".yml", ".csv")
 COLUMNS = ("delta_theta", "delta_d", "delta_a", "delta_alpha")
+JOINTS_OF_UR = 6
+UR_LIST = st.list_of(VALUE, JOINTS_OF_UR, JOINTS_OF_UR)
+
+MOUNTING = st.Table(
+    "mounting",
+    "The section [mounting] of a calibration.conf; its other keys are not used.",
+    *(st.required(name, UR_LIST, "one number for each joint", "rad or m") for name in COLUMNS),
+    st.Key("calibration_status", st.INTEGER, "0: not calibrated, 1 and 2: calibrated"),
+    more=True,
+)
+ORIGIN = st.Table(
+    "origin",
+    "The origin of a joint in the frame of the previous one.",
+    *(st.required(name, VALUE, "position", "m") for name in "xyz"),
+    *(st.required(name, VALUE, "angle about the moved axis", "rad") for name in ("roll", "pitch", "yaw")),
+)
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-"""The links of a Universal Robots arm, each moved by one joint."""
+KINEMATICS_FILE = st.Table(
+    "kinematics",
+    "The origins of the joints that move the links.",
+    *(st.required(link, ORIGIN, "the joint that moves it") for link in LINKS),
+    st.Key("hash", st.ANYTHING, "a hash of the table that they were computed from"),
+)
+DELTA = st.Table(
+    "delta",
+    "What is added to one row of a table.",
+    st.required("name", NAME, "name of the joint"),
+    *(st.Key(name, VALUE, "what is added", "rad or m") for name in COLUMNS),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,57 +85,28 @@ class Calibration:
 
     path: Path
     format: str
-    like: str | None
+    like: str | None = "ur"
     """The make whose nominal table the deltas refer to; None for a table of ``convention``."""
-    convention: str
-    joints: tuple[str, ...]
-    """Names of the joints in order; empty for the last six joints before the flange."""
+    convention: str = "standard"
+    joints: tuple[str, ...] = ()
+    """Names of the joints in order; empty for the six joints of a Universal Robots arm."""
     deltas: Array | None = None
     """(n, 4) theta, d, a, alpha."""
     origins: Array | None = None
     """(n, 4, 4) previous_joint_from_joint at 0, the z axes on the joint axes."""
 
-    def __len__(self) -> int:
-        return len(self.joints) or len(LINKS)
 
-
-@struct("delta")
-class DhDelta:
-    """What is added to one row of a nominal table."""
-
-    name: str = key("name of the joint", kind=NAME)
-    delta_theta: float = key("added to theta", "rad", default=0.0, kind=simple({}, VALUE.check, parsed))
-    delta_d: float = key("added to d", "m", default=0.0, kind=VALUE)
-    delta_a: float = key("added to a", "m", default=0.0, kind=VALUE)
-    delta_alpha: float = key("added to alpha", "rad", default=0.0, kind=simple({}, VALUE.check, parsed))
-
-
-@struct("origin", kw_only=True)
-class JointOrigin:
-    """The origin of a joint in the frame of the previous one."""
-
-    x: float = key("position", "m", kind=VALUE)
-    y: float = key("position", "m", kind=VALUE)
-    z: float = key("position", "m", kind=VALUE)
-    roll: float = key("rotation about x", "rad", kind=VALUE)
-    pitch: float = key("rotation about the moved y", "rad", kind=VALUE)
-    yaw: float = key("rotation about the moved z", "rad", kind=VALUE)
-
-
-def calibration_format(path: str | Path) -> str:
+def calibration_format(path: Path) -> str:
     """What a file contains, if it is a calibration; else an empty text."""
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES or not is_file(path):
+    suffix = path.suffix.lower()
+    patterns = {".conf": ("", CONF), ".yaml": (r"^kinematics\s*:", KINEMATICS), ".csv": (r"\bdelta_[a-z]", DELTAS)}
+    pattern, found = patterns.get(".yaml" if suffix == ".yml" else suffix, ("", ""))
+    if not found or not is_file(path):
         return ""
     try:
-        text = read_text(path, CalibrationError)
+        return found if re.search(pattern, read_text(path, CalibrationError), re.MULTILINE) else ""
     except FileError:
         return ""
-    if path.suffix.lower() == ".conf":
-        return CONF
-    if path.suffix.lower() == ".csv":
-        return DELTAS if any(column in text for column in COLUMNS) else ""
-    return KINEMATICS if re.search(r"^kinematics\s*:", text, re.MULTILINE) else ""
 
 
 def read_calibration(path: str | Path) -> Calibration:
@@ -119,94 +117,75 @@ def read_calibration(path: str | Path) -> Calibration:
     CalibrationError
         If it is of another format, or a number is missing, not finite, or in other units; the message states the line.
     """
-    path, found = Path(path), calibration_format(path)
-    if found == CONF:
-        return Calibration(path, CONF, "ur", "standard", (), deltas=_conf(path))
-    if found == KINEMATICS:
-        return Calibration(path, KINEMATICS, "ur", "standard", (), origins=_kinematics(path))
-    if found == DELTAS:
-        return _deltas(path)
+    path = Path(path)
+    readers = {CONF: _conf, KINEMATICS: _kinematics, DELTAS: _deltas}
+    if found := calibration_format(path):
+        with st.errors_of(path, CalibrationError):
+            return readers[found](path)
     read_text(path, CalibrationError)  # a file that cannot be read is reported as that
     raise CalibrationError(path, f"is not a calibration file; valid: {CONF}, {KINEMATICS} (YAML), {DELTAS} (CSV)")
 
 
-def _conf(path: Path) -> Array:
-    """The deltas (6, 4) of a calibration.conf."""
-    # The lines of the section, without comments
-    section, lines = "", dict[str, tuple[int, str]]()
+class _Lines(dict[str, Any]):
+    """The keys of a section, with their lines for messages."""
+
+    lines: Mapping[str, int]
+
+    def at(self, key: object = None) -> str:
+        return f"line {self.lines[str(key)]}" if key in self.lines else ""
+
+
+def _conf(path: Path) -> Calibration:
+    """The deltas of the section [mounting]."""
+    section, stated, lines = "", _Lines(), {}
     for number, line in enumerate(read_text(path, CalibrationError).splitlines(), 1):
         text = line.partition("#")[0].strip()
-        if text.startswith("[") and "=" not in text:
-            section = text.strip("[] \t").lower()
-        elif section == "mounting" and "=" in text:
-            name, _, value = text.partition("=")
-            lines[name.strip().lower()] = number, value.strip().strip("[]")
-    if missing := [name for name in COLUMNS if name not in lines]:
-        raise CalibrationError(path, f"does not state {' and '.join(missing)} in a section [mounting]")
-    # Six finite numbers in each column
-    columns = []
-    for name in COLUMNS:
-        number, text = lines[name]
-        parts = text.replace(",", " ").split()
-        if len(parts) != len(LINKS):
-            reason = f"{name} has {len(parts)} numbers; a Universal Robots arm has {len(LINKS)} joints"
-            raise CalibrationError(path, reason, f"line {number}")
-        for joint, part in enumerate(parts, 1):
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if text.startswith("[") and not equals:
+            section = text.strip("[] ")
+        elif section == "mounting" and name in (*COLUMNS, "calibration_status"):
             try:
-                finite = math.isfinite(float(part))
-            except ValueError:
-                finite = False
-            if not finite:
-                raise CalibrationError(path, f"{name} of joint {joint} is {part}, no finite number", f"line {number}")
-        columns.append([VALUE.check(name, float(part)) for part in parts])
-    # The controller states whether it measured the arm
-    number, status = lines.get("calibration_status", (0, ""))
-    if status == "0":
-        raise CalibrationError(path, "calibration_status is 0: the arm is not calibrated", f"line {number}")
-    return np.array(columns).T
+                stated[name], lines[name] = yaml.safe_load(value), number
+            except yaml.YAMLError as error:
+                raise st.Misread(f"{name} is not a list of numbers", (), f"line {number}") from error
+    stated.lines = lines
+    values = MOUNTING.parse("section [mounting]", stated, path)
+    if values.get("calibration_status") == 0:
+        raise st.Misread("the arm is not calibrated: calibration_status is 0", (), stated.at("calibration_status"))
+    return Calibration(path, CONF, deltas=np.array([values[name] for name in COLUMNS]).T)
 
 
-def _kinematics(path: Path) -> Array:
-    """The origins (6, 4, 4) of the ``kinematics`` of the ROS driver."""
-    content, table, origins = read_yaml(path, ("kinematics",), CalibrationError), table_of(JointOrigin), []
-    with errors_of(path, CalibrationError):
-        stated = content["kinematics"]
-        if not isinstance(stated, dict) or (missing := [link for link in LINKS if link not in stated]):
-            what = "" if not isinstance(stated, dict) else f" and does not state {', '.join(missing)}"
-            raise InputError(f"kinematics must state the links {', '.join(LINKS)}{what}")
-        if odd := [link for link in stated if link not in (*LINKS, "hash")]:
-            raise InputError(str(UnknownNameError("link", odd[0], LINKS, "kinematics")))
-        for link in LINKS:
-            where = stated.at(link) if hasattr(stated, "at") else ""
-            at = step(f".kinematics.{link}", where, table.parse, link, stated[link], path)
-            pose = np.eye(4)
-            pose[:3, :3] = rpy_matrix(at.roll, 0, 0) @ rpy_matrix(0, at.pitch, 0) @ rpy_matrix(0, 0, at.yaw)
-            pose[:3, 3] = at.x, at.y, at.z
-            origins.append(pose)
-    return np.array(origins)
+def _kinematics(path: Path) -> Calibration:
+    """The origins of the joints of the ROS driver."""
+    content, origins = read_yaml(path, ("kinematics",), CalibrationError), []
+    where = st.position(content, "kinematics")
+    read = st.step(".kinematics", where, KINEMATICS_FILE.parse, "kinematics", content["kinematics"], path)
+    for at in (read[link] for link in LINKS):
+        pose = np.eye(4)
+        pose[:3, :3] = rpy_matrix(at["roll"], 0, 0) @ rpy_matrix(0, at["pitch"], 0) @ rpy_matrix(0, 0, at["yaw"])
+        pose[:3, 3] = [at[name] for name in "xyz"]
+        origins.append(pose)
+    return Calibration(path, KINEMATICS, origins=np.array(origins))
 
 
 def _deltas(path: Path) -> Calibration:
     """The deltas of a CSV file, and the table that they refer to."""
-    table = table_of(DhDelta)
-    content = csv_content(path, table.names, CalibrationError, ("convention", "like"))
+    content = csv_content(path, DELTA.names, CalibrationError, ("convention", "like"))
     like, convention = content.get("like"), content.get("convention")
-    with errors_of(path, CalibrationError, keys=False):
-        if like is not None and like not in MAKES:
-            raise InputError(str(UnknownNameError("make", like, MAKES, "'# like:'")))
-        if like is None and convention not in ("standard", "modified"):
-            makes = ", ".join(f"'# like: {make}'" for make in MAKES)
-            raise InputError(
-                f"states no table; add '# convention: standard' or '# convention: modified' for that of pinproof "
-                f"urdf2dh, or {makes} for that of the make, before the header"
-            )
-        rows: list[DhDelta] = [
-            step(number, row.at(), table.parse, "row", row, path) for number, row in enumerate(content["rows"])
-        ]
-        if not rows:
-            raise InputError("has no rows; state the joints of the arm, base first")
-    deltas = np.array([[getattr(row, name) for name in COLUMNS] for row in rows])
-    names = tuple(row.name for row in rows)
+    if like is not None and like not in MAKES:
+        raise InputError(str(UnknownNameError("make", like, MAKES, "'# like:'")))
+    if like is None and convention not in CONVENTIONS:
+        makes = ", ".join(f"'# like: {make}'" for make in MAKES)
+        raise InputError(
+            f"states no table; add '# convention: standard' or '# convention: modified' for that of pinproof urdf2dh, "
+            f"or {makes} for that of the make"
+        )
+    stated: list[CsvRow] = content["rows"]
+    rows = [st.step(number, row.at(), DELTA.parse, "row", row, path) for number, row in enumerate(stated)]
+    if not rows:
+        raise InputError("has no rows; state the joints of the arm, base first")
+    deltas = np.array([[row.get(name, 0.0) for name in COLUMNS] for row in rows])
+    names = tuple(row["name"] for row in rows)
     return Calibration(path, DELTAS, like, MAKES[like].convention if like else str(convention), names, deltas)
 
 
@@ -220,8 +199,6 @@ def with_origins(urdf: Urdf, moved: Callable[[UrdfJoint, Array], Array]) -> Urdf
     moved
         Returns the origin (4, 4) of a joint from the joint and its origin; the same array leaves it unchanged.
     """
-    from dataclasses import replace
-
     from lxml import etree
 
     def text_of(text: str, names: dict[str, UrdfJoint]) -> str:

@@ -29,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from pinproof.common import structs as st
 from pinproof.common.files import (
     csv_text,
     other_separator,
@@ -39,30 +40,6 @@ from pinproof.common.files import (
     write_text_whole,
 )
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import (
-    ANGLE,
-    NUMBER,
-    ONE_ORIENTATION,
-    POSE,
-    Accepting,
-    Key,
-    Kind,
-    Table,
-    choice,
-    errors_of,
-    key,
-    list_of,
-    number,
-    optional,
-    parsed,
-    pose_of,
-    position,
-    simple,
-    step,
-    struct,
-    table_of,
-    vector,
-)
 from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import Array, finite, matrix, rigid
 from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
@@ -108,11 +85,11 @@ DEFAULT_PRISMATIC_VELOCITY = 1.0
 DEFAULT_EFFORT = 100.0
 """N m or N. Default effort limit, because a URDF must state one; a typical value for small arms."""
 
-VALUE = number(minimum=-LARGEST, maximum=LARGEST)
-ABOVE_ZERO = number(above=0, maximum=LARGEST)
+VALUE = st.number(minimum=-LARGEST, maximum=LARGEST)
+ABOVE_ZERO = st.number(above=0, maximum=LARGEST)
 
 
-def _printable(pattern: str, more: str = "") -> Kind:
+def _printable(pattern: str, more: str = "") -> st.Kind:
     """A name that matches a pattern."""
 
     def check(name: str, value: object) -> str:
@@ -120,7 +97,7 @@ def _printable(pattern: str, more: str = "") -> Kind:
             raise InputError(f"{name} = {value!r} is not a valid name; use printable text{more}")
         return value
 
-    return simple({"type": "string", "minLength": 1, "pattern": pattern}, check)
+    return st.simple({"type": "string", "minLength": 1, "pattern": pattern}, check)
 
 
 NAME = _printable(r"^\S(.*\S)?$", " without leading or trailing spaces")
@@ -133,14 +110,14 @@ def _limit(name: str, value: Any) -> float | None:
     return cast(float, VALUE.check(name, value))
 
 
-@struct(
+@st.struct(
     "row",
     rules=[
         {
             "allOf": [
                 {
                     "if": {"required": ["type"], "properties": {"type": {"const": "prismatic"}}},
-                    "then": {"required": ["lower", "upper"], "properties": {"lower": NUMBER, "upper": NUMBER}},
+                    "then": {"required": ["lower", "upper"], "properties": {"lower": st.NUMBER, "upper": st.NUMBER}},
                 },
                 {
                     "if": {"required": ["type"], "properties": {"type": {"const": "continuous"}}},
@@ -162,43 +139,43 @@ class DhRow:
         If a value is invalid; the message states the row and the column.
     """
 
-    name: str = key("name of the joint, unique in the table", kind=NAME)
-    theta: float = key(
+    name: str = st.key("name of the joint, unique in the table", kind=NAME)
+    theta: float = st.key(
         "angle about z; for a revolute or continuous joint the offset added to q",
         "rad",
-        kind=simple(ANGLE, VALUE.check, parsed),
+        kind=st.simple(st.ANGLE, VALUE.check, st.parsed),
     )
-    d: float = key("distance along z; for a prismatic joint the offset added to q", "m", kind=VALUE)
-    a: float = key("distance along x", "m", kind=VALUE)
-    alpha: float = key("angle about x", "rad", kind=simple(ANGLE, VALUE.check, parsed))
-    joint_type: str = key(
+    d: float = st.key("distance along z; for a prismatic joint the offset added to q", "m", kind=VALUE)
+    a: float = st.key("distance along x", "m", kind=VALUE)
+    alpha: float = st.key("angle about x", "rad", kind=st.simple(st.ANGLE, VALUE.check, st.parsed))
+    joint_type: str = st.key(
         "type of the joint; `continuous` is revolute without limits",
         default="revolute",
         name="type",
-        kind=choice(*JOINT_TYPES),
+        kind=st.choice(*JOINT_TYPES),
     )
     # None means "not stated" and is replaced by the default in __post_init__.
-    lower: float = key(
+    lower: float = st.key(
         "lower limit of q; by default -pi for a revolute joint. A prismatic joint must state it, a continuous joint "
         "must not",
         "rad or m",
         default=None,
-        kind=Kind(optional(VALUE).schema, _limit, optional(VALUE).parse),
+        kind=st.Kind(st.optional(VALUE).schema, _limit, st.optional(VALUE).parse),
     )
-    upper: float = key(
+    upper: float = st.key(
         "upper limit of q; by default pi for a revolute joint, otherwise as `lower`",
         "rad or m",
         default=None,
-        kind=Kind(optional(VALUE).schema, _limit, optional(VALUE).parse),
+        kind=st.Kind(st.optional(VALUE).schema, _limit, st.optional(VALUE).parse),
     )
-    velocity: float = key(
-        "velocity limit; by default pi rad/s or 1 m/s", "rad/s or m/s", default=None, kind=optional(ABOVE_ZERO)
+    velocity: float = st.key(
+        "velocity limit; by default pi rad/s or 1 m/s", "rad/s or m/s", default=None, kind=st.optional(ABOVE_ZERO)
     )
-    effort: float = key(
+    effort: float = st.key(
         "largest torque or force, used where torques are limited; the default is not that of a real robot",
         "N m or N",
         default=None,
-        kind=optional(ABOVE_ZERO),
+        kind=st.optional(ABOVE_ZERO),
         shown=DEFAULT_EFFORT,
     )
 
@@ -341,7 +318,7 @@ def _refuse_other_units(rows: Sequence[DhRow], mappings: Sequence[Any]) -> None:
     for row, mapping in zip(rows, mappings, strict=True):
         for column in ("theta", "alpha", "lower", "upper"):
             if column in mapping:
-                step(f".rows[{row.name!r}].{column}", position(mapping, column), in_row, row, column)
+                st.step(f".rows[{row.name!r}].{column}", st.position(mapping, column), in_row, row, column)
     refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
 
 
@@ -368,51 +345,51 @@ def _placed(name: str, value: Any) -> Array:
 def _transform(matrix: Any = None, **keys: Any) -> Any:
     if matrix is not None and keys:
         raise InputError("use either matrix, or xyz with rpy or quat_xyzw")
-    return pose_of(**keys) if matrix is None else matrix
+    return st.pose_of(**keys) if matrix is None else matrix
 
 
-TRANSFORM = Table(
+TRANSFORM = st.Table(
     "transform",
     "A rigid transform: a position and an orientation, or a matrix.",
-    *POSE.keys,
-    Key("matrix", list_of(vector(4), 4, 4), "four rows of four numbers, instead of the other keys"),
-    rules={**ONE_ORIENTATION, "if": {"required": ["matrix"]}, "then": {"maxProperties": 1}},
+    *st.POSE.keys,
+    st.Key("matrix", st.list_of(st.vector(4), 4, 4), "four rows of four numbers, instead of the other keys"),
+    rules={**st.ONE_ORIENTATION, "if": {"required": ["matrix"]}, "then": {"maxProperties": 1}},
     make=_transform,
 )
 
 
-@struct("dh", first=("name", "convention", "base", "tool"), eq=False, repr=False)
+@st.struct("dh", first=("name", "convention", "base", "tool"), eq=False, repr=False)
 class DhTable(Shown):
     """A serial arm as a Denavit-Hartenberg table: frame dh_(i-1) is transformed to frame dh_i by row i."""
 
-    rows: Accepting[tuple[DhRow, ...], Iterable[DhRow]] = key(
-        "the joints, base first", kind=list_of(table_of(DhRow), 1, named="row")
+    rows: st.Accepting[tuple[DhRow, ...], Iterable[DhRow]] = st.key(
+        "the joints, base first", kind=st.list_of(st.table_of(DhRow), 1, named="row")
     )
-    convention: str = key(
+    convention: str = st.key(
         "`standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified` (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), where row i "
         "holds a and alpha of link i - 1",
         kw_only=True,
-        kind=choice(*CONVENTIONS),
+        kind=st.choice(*CONVENTIONS),
     )
-    name: str = key(
+    name: str = st.key(
         "name of the robot; by default the name of the file",
         default="dh_arm",
         kw_only=True,
         kind=_printable(r"\S"),
         shown=None,
     )
-    base: Accepting[Array, npt.ArrayLike] = key(
+    base: st.Accepting[Array, npt.ArrayLike] = st.key(
         "base_from_dh_0: the pose of frame dh_0 in the base frame; a read-only (4, 4) array",
         default_factory=lambda: np.eye(4),
         kw_only=True,
-        kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
+        kind=st.Kind(TRANSFORM, _placed, TRANSFORM.parse),
         shown={},
     )
-    tool: Accepting[Array, npt.ArrayLike] = key(
+    tool: st.Accepting[Array, npt.ArrayLike] = st.key(
         "dh_n_from_tool: the pose of the tool in the last frame; a read-only (4, 4) array",
         default_factory=lambda: np.eye(4),
         kw_only=True,
-        kind=Kind(TRANSFORM, _placed, TRANSFORM.parse),
+        kind=st.Kind(TRANSFORM, _placed, TRANSFORM.parse),
         shown={},
     )
 
@@ -443,14 +420,14 @@ class DhTable(Shown):
         DhTableError
             If the file is invalid; the message states the file and, where possible, the row and column.
         """
-        path, table = _table_file(path), table_of(cls)
+        path, table = _table_file(path), st.table_of(cls)
         in_csv = path.suffix.lower() == ".csv"
         content = (
-            csv_content(path, table_of(DhRow).names, DhTableError, ("convention",))
+            csv_content(path, st.table_of(DhRow).names, DhTableError, ("convention",))
             if in_csv
             else read_yaml(path, table.names, DhTableError)
         )
-        with errors_of(path, DhTableError, keys=not in_csv):
+        with st.errors_of(path, DhTableError, keys=not in_csv):
             table.refuse_unknown(content)
             if "convention" not in content:
                 raise InputError("states no convention; add 'convention: standard' or 'convention: modified'")
@@ -471,7 +448,7 @@ class DhTable(Shown):
         """
         path = _table_file(path)
         # the columns of each row, without infinite limits and without the default effort
-        names = table_of(DhRow).names
+        names = st.table_of(DhRow).names
         stated = ({name: getattr(row, "joint_type" if name == "type" else name) for name in names} for row in self.rows)
         rows = [
             {

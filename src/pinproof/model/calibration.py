@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from pinproof.description import (
+    JOINTS_OF_UR,
     MAKES,
     Calibration,
     DhTable,
@@ -119,7 +120,8 @@ def true_chain(table: DhTable, calibration: Calibration) -> list[Array]:
 
 def _arm_of(robot: Robot, calibration: Calibration) -> Arm:
     """The arm that a calibration describes: from the link before its first joint to the flange."""
-    count, own = len(calibration), calibration.joints
+    own = calibration.joints
+    count = len(own) or JOINTS_OF_UR
     flanges = [link for link in robot.urdf.links if link.endswith("tool0")] if calibration.like == "ur" else []
     try:
         arm = robot.arm(flanges[0] if len(flanges) == 1 else None, base=robot.urdf.root)

@@ -13,22 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common import structs as st
 from pinproof.common.files import read_yaml
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.structs import (
-    ANYTHING,
-    BOOLEAN,
-    PLAIN_NUMBER,
-    Key,
-    Kind,
-    Misread,
-    Table,
-    described,
-    errors_of,
-    key,
-    mapping_to,
-    required,
-)
 from pinproof.common.validation import named_arguments
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.spatial import Array, floats
@@ -61,7 +48,7 @@ LIMIT_KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
 
 
 @named_arguments
-@described(eq=False)
+@st.described(eq=False)
 class JointLimits(Shown):
     """Limits of the n joints of an arm, in joint order.
 
@@ -71,25 +58,25 @@ class JointLimits(Shown):
         If shapes differ, lower > upper, or a velocity, acceleration or jerk is not above 0.
     """
 
-    lower: Array = key("(n,) positions; -inf for a continuous joint", "rad or m")
-    upper: Array = key("(n,) positions; inf for a continuous joint", "rad or m")
-    velocity: Array = key("(n,) above 0; NaN where it is not known (timing then raises an error)", "rad/s or m/s")
-    acceleration: Array = key(  # filled in below; never None afterwards
+    lower: Array = st.key("(n,) positions; -inf for a continuous joint", "rad or m")
+    upper: Array = st.key("(n,) positions; inf for a continuous joint", "rad or m")
+    velocity: Array = st.key("(n,) above 0; NaN where it is not known (timing then raises an error)", "rad/s or m/s")
+    acceleration: Array = st.key(  # filled in below; never None afterwards
         "(n,) above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`", "rad/s^2 or m/s^2", default=None
     )
-    jerk: Array | None = key(
+    jerk: Array | None = st.key(
         "(n,) above 0, NaN where it is not known; None if it is known for no joint", "rad/s^3 or m/s^3", default=None
     )
-    torque: Array | None = key(
+    torque: Array | None = st.key(
         "(n,) in N m, or in N for a prismatic joint, above 0, NaN where it is not known; None if it is known for no "
         "joint. A URDF calls it effort. :class:`pinproof.motion.TorqueLimits` applies it",
         default=None,
     )
-    acceleration_source: str = key(
+    acceleration_source: str = st.key(
         "where the accelerations come from, for results that depend on them", default="", kw_only=True
     )
-    jerk_source: str = key("where the jerks come from", default="", kw_only=True)
-    guessed: npt.NDArray[np.bool_] = key(  # filled in below
+    jerk_source: str = st.key("where the jerks come from", default="", kw_only=True)
+    guessed: npt.NDArray[np.bool_] = st.key(  # filled in below
         "(n,) of type bool: whether the acceleration of a joint is such a default value, which is no limit of the "
         "robot",
         default=None,
@@ -151,10 +138,10 @@ class JointLimits(Shown):
         """
         path = Path(path)
         content = read_yaml(path, FILE.names, FileError)
-        with errors_of(path, FileError):
+        with st.errors_of(path, FileError):
             joints = FILE.parse("the file", content, path)["joint_limits"]
             if not joints:
-                raise Misread("must be a mapping of joint names to limits", (".joint_limits",))
+                raise st.Misread("must be a mapping of joint names to limits", (".joint_limits",))
 
         def of(kind: str) -> dict[str, float]:
             return {name: used[kind][0] for name, used in joints.items() if kind in used}
@@ -287,13 +274,13 @@ KINDS = {
 """The kinds of limits of a file, each with its keys, their meaning and unit."""
 
 
-_KEYS: list[Key] = []
+_KEYS: list[st.Key] = []
 _RULES: list[dict[str, Any]] = []
 for _kind, _values in KINDS.items():
     _flag, _names = f"has_{_kind}_limits", " and ".join(f"`{key}`" for key in _values)
     _KEYS += [
-        Key(_flag, BOOLEAN, f"whether {_names} {'are' if len(_values) > 1 else 'is'} used"),
-        *(Key(key, PLAIN_NUMBER, *meaning) for key, meaning in _values.items()),
+        st.Key(_flag, st.BOOLEAN, f"whether {_names} {'are' if len(_values) > 1 else 'is'} used"),
+        *(st.Key(key, st.PLAIN_NUMBER, *meaning) for key, meaning in _values.items()),
     ]
     # A limit has its flag; if the flag is true, its values exist and are above 0.
     _size = {"not": {"const": 0}} if _kind == "deceleration" else {"exclusiveMinimum": 0}
@@ -328,43 +315,43 @@ def used_limits(**stated: Any) -> dict[str, tuple[float, ...]]:
     return used
 
 
-LIMITS = mapping_to(
-    Table(
+LIMITS = st.mapping_to(
+    st.Table(
         "limits_of_a_joint",
         "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are "
         "unchanged.",
         *_KEYS,
-        Key("angle_wraparound", ANYTHING, "ignored"),
+        st.Key("angle_wraparound", st.ANYTHING, "ignored"),
         rules={"allOf": _RULES},
         make=used_limits,
     ),
     "joint names to limits",
 )
 
-FILE = Table(
+FILE = st.Table(
     "limits",
     "Joint limits in the format of `joint_limits.yaml` of MoveIt.",
-    required(
+    st.required(
         "joint_limits",
-        Kind({**LIMITS.schema, "minProperties": 1}, LIMITS.check, LIMITS.parse),
+        st.Kind({**LIMITS.schema, "minProperties": 1}, LIMITS.check, LIMITS.parse),
         "the limits by name of the joint",
     ),
-    Key("default_velocity_scaling_factor", ANYTHING, "not a limit; ignored"),
-    Key("default_acceleration_scaling_factor", ANYTHING, "not a limit; ignored"),
+    st.Key("default_velocity_scaling_factor", st.ANYTHING, "not a limit; ignored"),
+    st.Key("default_acceleration_scaling_factor", st.ANYTHING, "not a limit; ignored"),
 )
 
 
-@described()
+@st.described()
 class LimitsFile:
     """The joint limits of a file, by joint name."""
 
-    path: Path = key("the file")
-    position: Mapping[str, tuple[float, float]] = key("(lower, upper) in rad or m", default_factory=dict)
-    velocity: Mapping[str, float] = key("largest speeds", "rad/s or m/s", default_factory=dict)
-    acceleration: Mapping[str, float] = key("largest accelerations", "rad/s^2 or m/s^2", default_factory=dict)
-    jerk: Mapping[str, float] = key("largest jerks", "rad/s^3 or m/s^3", default_factory=dict)
-    torque: Mapping[str, float] = key("the file calls it effort", "N m or N", default_factory=dict)
-    places: Mapping[str, str] = key(
+    path: Path = st.key("the file")
+    position: Mapping[str, tuple[float, float]] = st.key("(lower, upper) in rad or m", default_factory=dict)
+    velocity: Mapping[str, float] = st.key("largest speeds", "rad/s or m/s", default_factory=dict)
+    acceleration: Mapping[str, float] = st.key("largest accelerations", "rad/s^2 or m/s^2", default_factory=dict)
+    jerk: Mapping[str, float] = st.key("largest jerks", "rad/s^3 or m/s^3", default_factory=dict)
+    torque: Mapping[str, float] = st.key("the file calls it effort", "N m or N", default_factory=dict)
+    places: Mapping[str, str] = st.key(
         "the position in the file by joint, for messages; all joints in the file", default_factory=dict
     )
 

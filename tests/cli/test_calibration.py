@@ -25,7 +25,7 @@ def file(tmp_path: Path) -> str:
 def test_info_prints_what_a_calibration_changes(run: Cli, file: str) -> None:
     effect = run.json("info", "ur5e", "--calibration", file)["calibration"]
     text = run.prints("info", "ur5e", "--calibration", file)
-    assert f"{1e3 * effect['mean_shift']:.3g} mm" in text
+    assert f"calibrated by {file}, which moves the tcp by {1e3 * effect['mean_shift']:.3g} mm" in text
     assert f"{1e3 * effect['largest_rotation']:.3g} mrad" in text
     assert 1e-4 < effect["mean_shift"] < effect["largest_shift"] < 0.02
     assert run.json("info", "ur5e")["calibration"] is None

@@ -131,6 +131,7 @@ EFFECT_SAMPLES = 2000
 class CalibrationEffect:
     """What a calibration changes at the tcp, at random configurations within the limits."""
 
+    source: str = key("a sentence with the file of the calibration")
     mean_shift: float = key("mean distance of the calibrated tcp from the nominal one", "m")
     largest_shift: float = key("largest distance", "m")
     mean_rotation: float = key("mean angle between both orientations", "rad")
@@ -140,7 +141,8 @@ class CalibrationEffect:
     def __str__(self) -> str:
         shifts, angles = (self.mean_shift, self.largest_shift), (self.mean_rotation, self.largest_rotation)
         mean, most = (f"{1e3 * s:.3g} mm and {1e3 * a:.3g} mrad" for s, a in zip(shifts, angles, strict=True))
-        return f"moves the tcp by {mean} on average and at most {most} ({self.configurations} random configurations)"
+        moved = f"moves the tcp by {mean} on average and at most {most}"
+        return f"{self.source}, which {moved} ({self.configurations} random configurations)"
 
 
 @described()
@@ -192,7 +194,7 @@ class RobotInfo(Shown):
         lines = [
             f"{self.name}: {self.dof} joints from {self.base} to {self.tcp}; {self.kinematic_class}",
             f"file: {self.source}" if self.source else "loaded from text",
-            *(() if self.calibration is None else (f"calibration: {self.calibration}",)),
+            *(() if self.calibration is None else (str(self.calibration),)),
             *Rows(columns, [joint.row() for joint in self.joints if joint.role != "fixed"]).text(),
             f"frames: {', '.join(self.frames)}",
             f"collision geometry: {geometry}",

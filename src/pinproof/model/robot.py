@@ -759,7 +759,7 @@ class Robot(Identified):
             home=dict(zip(arm.joint_names, map(float, arm.home), strict=True)),
             acceleration_source=arm.limits.acceleration_source,
             missing=_missing(self, arm),
-            calibration=None if self.nominal is None else _calibration_effect(self.nominal, arm),
+            calibration=_calibration_effect(self, arm),
         )
 
     def arm(
@@ -976,12 +976,15 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
         notes.append(f"no position limits (continuous): {', '.join(endless)}")
     if not robot.home:
         notes.append("no home: the middle of the limits is used")
-    return (*notes, *robot.notes)
+    own = robot.notes if robot.nominal is None else robot.nominal.notes  # the calibration is reported by itself
+    return (*notes, *own)
 
 
-def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect:
-    """What a calibration changes at the tcp of an arm; ``robot`` is the one before it."""
-    nominal = robot.arm(arm.tcp, base=arm.base, held=arm.held)
+def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect | None:
+    """What the calibration of a robot changes at the tcp of an arm; None without one."""
+    if robot.nominal is None:
+        return None
+    nominal = robot.nominal.arm(arm.tcp, base=arm.base, held=arm.held)
     q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), size=(EFFECT_SAMPLES, arm.dof))
     before, after = nominal.forward_kinematics_batch(q), arm.forward_kinematics_batch(q)
     shifts = np.linalg.norm(after[:, :3, 3] - before[:, :3, 3], axis=1)
@@ -989,6 +992,7 @@ def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect:
     sines = np.linalg.norm(after[:, :3, :3] - before[:, :3, :3], axis=(1, 2)) / math.sqrt(8.0)
     angles = 2.0 * np.arcsin(np.minimum(sines, 1.0))
     return CalibrationEffect(
+        source=robot.remarks[-1],
         mean_shift=float(shifts.mean()),
         largest_shift=float(shifts.max()),
         mean_rotation=float(angles.mean()),

@@ -340,7 +340,7 @@ class PickSetup:
         for torques in filter(None, (torque_limits_of_tool(checker.arm, hand) for hand in hands)):
             notes.append("joint friction and the inertia of motors, which add to the torques")
             notes += torques.notes
-        notes += checker.arm.robot.remarks
+        notes += [f"other arms of this type: {remark}" for remark in checker.arm.robot.remarks]
         # What the geometry of the robot and of the scene leaves out
         if not urdf.collisions:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")

@@ -22,15 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pinproof.description import (
-    JOINTS_OF_UR,
-    MAKES,
-    Calibration,
-    DhTable,
-    UrdfJoint,
-    row_transform,
-    with_origins,
-)
+from pinproof.description import JOINTS_OF_UR, MAKES, Calibration, DhTable, UrdfJoint, row_transform, with_origins
 from pinproof.errors import CalibrationError, ConversionError, InputError, UnknownNameError
 from pinproof.model.chain import joint_axis
 from pinproof.model.dh_tables import urdf_to_dh

@@ -161,7 +161,7 @@ def test_a_table_whose_urdf_differs_is_refused(monkeypatch):
     def tampered(table):
         return urdf_of_table(table).replace('xyz="0.3 0.0 0.0"', 'xyz="0.31 0.0 0.0"')
 
-    monkeypatch.setattr("pinproof.model.loading.urdf_of_table", tampered)
+    monkeypatch.setattr("pinproof.model.dh_tables.urdf_of_table", tampered)
     with pytest.raises(ConversionError, match="off by"):
         pp.load_robot(GENERIC / "dh.yaml")
 

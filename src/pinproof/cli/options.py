@@ -228,8 +228,8 @@ class SetupOptions(ChainOptions):
         "Distance in metres that every two bodies must keep from each other.", 0.0, min=0.0, rich_help_panel=SCENE_PANEL
     )
     tool_of: Path | None = option(
-        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp and held joints "
-        "apply too.",
+        "A picks file, whose tool the arm carries with the gripper open. Its tip, margin, tcp, held joints and "
+        "calibration apply too.",
         None,
         rich_help_panel=SCENE_PANEL,
     )
@@ -279,15 +279,16 @@ class SetupOptions(ChainOptions):
         return tool.with_more(pp.collision.Attachments.load(self.attached), ("--tool-of", "--attached"))
 
     def arm(self, robot: str) -> pp.Arm:
-        """Load the arm of a robot, with the tcp of ``--tool-of`` if none is selected, and the joints of the tool held.
+        """Load the arm of a robot, with tcp and calibration of ``--tool-of`` if none are selected, and its held joints.
 
         InputError if the picks file of ``--tool-of`` states another tcp than the command.
         """
         if not self.has_tool:  # the packages that read these files are not imported then
             return super().arm(robot)
-        # The tool is made for the tcp of its picks file, unless the command selects a chain
+        # The tool is made for the tcp of its picks file, unless the command selects a chain; its arm is calibrated
         tcp = self.picks.tcp
-        arm = ChainOptions.arm(self if self.tcp or self.group else replace(self, tcp=tcp), robot)
+        own = replace(self, calibration=self.calibration or self.picks.calibration)
+        arm = ChainOptions.arm(own if self.tcp or self.group else replace(own, tcp=tcp), robot)
         if tcp is not None and tcp != arm.tcp:
             raise InputError(
                 f"the tool of --tool-of is made for tcp {tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tcp}"

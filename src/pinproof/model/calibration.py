@@ -29,9 +29,12 @@ from pinproof.model.dh_tables import urdf_to_dh
 from pinproof.model.robot import Arm, Robot
 from pinproof.spatial import Array, inverse_matrix
 
-MOST_SHIFT, MOST_TILT = 0.03, 0.05
+MOST_SHIFT, MOST_TILT = 0.015, 0.05
 """Metres and radians. An axis that a calibration moves by more belongs to another robot, or is in other units: factory
-calibrations move axes by up to some millimetres and 0.015 rad."""
+calibrations move axes by up to some millimetres and 0.015 rad, and the wrists of a UR3 and a UR3e differ by 19 mm."""
+
+SAME_AXIS = 0.03
+"""Metres between nearly parallel axes below which they are one: no direction leads from one to the other."""
 
 ALONG = 0.1
 """Sine of the angle between two axes below which the direction of the second, seen along the first, is not used."""
@@ -155,7 +158,7 @@ def _yaw(true: Array, nominal: Array) -> float:
         # nearly parallel: the points of both at the height of the nominal origin
         before = nominal[:3, 3]
         after = true[:3, 3] + (before[2] - true[2, 3]) / after[2] * after
-    if math.hypot(before[0], before[1]) < MOST_SHIFT:  # the same axis: the direction of x
+    if math.hypot(before[0], before[1]) < SAME_AXIS:  # the same axis: the direction of x
         before, after = nominal[:3, 0], true[:3, 0]
     return math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])
 

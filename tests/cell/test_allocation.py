@@ -129,6 +129,25 @@ def test_hands_of_the_other_arms_are_open_as_stated(tmp_path) -> None:
         assert fingers == [0.04, 0.04]
 
 
+def test_budgets_of_rotation_are_those_of_each_arm(tmp_path) -> None:
+    """The joints of a cell have prefixes, so budgets were refused as those of unknown joints."""
+    text = FILE.read_text().replace("scene: scene.yaml", f"scene: {FILE.parent}/scene.yaml")
+    text = text.replace("left: {base", "left: {windings: {wrist_3_joint: 200 deg}, base")
+    text = text.replace("right: {base", "right: {windings: {elbow_joint: 3.0}, base")
+    (tmp_path / "picks.yaml").write_text(text)
+    picks = pp.read_picks(tmp_path / "picks.yaml")
+    chosen = some(picks, "part_2_1", "part_5_3", part_2_1={"arm": "left"}, part_5_3={"arm": "right"})
+    found = pp.cell.allocate(picks.load_cell(), pp.Scene.load(picks.scene), chosen, compare=False)
+    assert found.ok
+    budgets = {"left/wrist_3_joint": np.radians(200), "right/elbow_joint": 3.0}
+    twists = [own for result in found.sequences.values() for own in result.twist if own.budget is not None]
+    assert {own.joint: own.budget for own in twists} == pytest.approx(budgets)
+    moved = found.timing.trajectory
+    for name, budget in budgets.items():
+        values = moved(np.linspace(0.0, moved.duration, 5000))[:, moved.joint_names.index(name)]
+        assert np.abs(values - values[0]).max() <= budget + 1e-9
+
+
 def test_margins_of_the_scene_and_of_the_picks_apply_to_each_arm_and_between_arms(cell) -> None:
     """Those of obstacles were refused as unknown bodies of the checker of both arms, which has no scene."""
     group, scene, picks = cell

@@ -207,6 +207,7 @@ def _settings_in_cell(group: JointGroup, arm: str, picks: Picks) -> Picks:
             if any((each.tool or part.tool) in mounted for each in part.grasps or (part,))
         },
         home={full(joint): value for joint, value in own.home.items()},
+        windings={full(joint): budget for joint, budget in own.windings.items()},
         frames=picks.frames,
         margin=picks.margin,
         margins=picks.margins,

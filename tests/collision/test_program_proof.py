@@ -29,6 +29,7 @@ from pinproof.motion import (
     RobotProgram,
     SetOutput,
     StreamedPoint,
+    ToolData,
     Wait,
     controller_motion,
     make_program,
@@ -36,6 +37,7 @@ from pinproof.motion import (
 
 Cell = tuple[pp.CollisionChecker, pp.Trajectory]
 MOVING = ("urscript", "rapid", "krl", "fanuc")
+FREE, UNDECIDED = pp.CertificateStatus.FREE, pp.CertificateStatus.UNDECIDED
 BENT, LOW = np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]), np.array([-0.5, -1.2, 1.6, -1.97, -1.57, 0.0])
 
 
@@ -305,6 +307,43 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     """A rotation (3, 3) by a small angle about an axis."""
     x, y, z = angle * axis / np.linalg.norm(axis)
     return pp.pose((0, 0, 0), (x, y, z)).rotation
+
+
+def test_a_linear_move_that_moves_the_rail_beside_the_pose_is_undecided() -> None:
+    rail = (
+        '<link name="rail"/><joint name="rail" type="prismatic"><parent link="rail"/><child link="world"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="1"/></joint></robot>'
+    )
+    text = pp.load_robot("ur5").urdf.text.replace("</robot>", rail)
+    arm = pp.load_robot(text).arm(tcp="tool0")
+    start = np.array([0.3, *BENT])
+    end = arm.forward_kinematics(start) * pp.pose((0.0, 0.0, 0.05))
+    steps = [JointMove(start), LinearMove(pose=end, speed=0.02, external=start[:1])]
+    program = make_program(steps, arm.joint_names, dialect="krl", external_joints={"rail": "mm"}, deviation=0.0005)
+    checker = pp.CollisionChecker(arm)
+    assert certify_program(program, checker).free
+    edited = re.sub("(LIN .*)E1 300.00000", r"\1E1 900.00000", program.text)
+    moved = certify_program(RobotProgram.parse(edited, dialect="krl", allow_changes=True), checker)
+    assert moved.status is UNDECIDED
+    assert "external axes" in moved.message
+
+
+@pytest.mark.parametrize("dialect", MOVING)
+def test_linear_moves_with_another_tool_than_that_of_the_arm_are_undecided(dialect: str) -> None:
+    tip = (
+        '<link name="tip"/><joint name="tip_joint" type="fixed"><parent link="tool0"/><child link="tip"/>'
+        '<origin xyz="0 0.01 0.1" rpy="0 0.3 0"/></joint></robot>'
+    )
+    tcp = pp.pose((0.0, 0.01, 0.1), (0.0, 0.3, 0.0))
+    arm = pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", tip)).arm(tcp="tip")
+    end = arm.forward_kinematics(BENT) * pp.pose((0.0, 0.0, 0.03), (0.0, 0.0, 0.1))
+    there = trace_line(arm, BENT, end).path.end
+    for tool, status in ((tcp, FREE), (tcp * pp.pose((0.0, 0.0, 0.2)), UNDECIDED)):
+        steps = [JointMove(BENT), LinearMove(there, end, duration=4.0, speed=0.01)]
+        certificate = certified(steps, pp.CollisionChecker(arm), dialect, tool=ToolData("g", tool), deviation=0.0005)
+        assert certificate.status is status, certificate.message
+        # Without linear moves and radii, the tool does not matter
+        assert certified(steps[:1], pp.CollisionChecker(arm), dialect, tool=ToolData("g", tool)).free
 
 
 def test_a_contact_on_a_linear_move_is_found(line: Cell) -> None:

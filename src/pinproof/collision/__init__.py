@@ -43,6 +43,7 @@ from pinproof.collision.certificates.program_proof import (
     program_motions as program_motions,
     speed_violations as speed_violations,
     timed_step as timed_step,
+    tool_fault as tool_fault,
     trace_line as trace_line,
     traced as traced,
     unknown_speeds as unknown_speeds,

@@ -227,6 +227,9 @@ TRACKING = 0.01
 SAME_END = 1e-6
 """rad: largest difference of the end of a linear move from the configuration that the text states."""
 
+SAME_TCP = 1e-4
+"""m and rad: largest difference of the tcp of a declared tool from that of the arm; FANUC states 1e-6 m, 1.7e-5 rad."""
+
 SEVERITY = [
     CertificateStatus.FREE,
     CertificateStatus.UNDECIDED,
@@ -272,8 +275,8 @@ class ProgramCertificate(Shown):
         default=(),
     )
     untraced: tuple[str, ...] = key(
-        "the linear moves whose joint values are not bounded, with the reason, and moves and set points whose speed "
-        "is not known. The program is then UNDECIDED",
+        "the linear moves whose joint values are not bounded, with the reason, moves and set points whose speed is not "
+        "known, and a declared tool with another tcp than the arm. The program is then UNDECIDED",
         default=(),
     )
     outputs: tuple[int, ...] = key(
@@ -382,6 +385,7 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
     untraced += tuple(unknown_speeds(program, checker.arm))
+    untraced += (fault,) if (fault := tool_fault(program, checker.arm)) else ()
     return ProgramCertificate(tuple(parts), tuple(notes), overlapping, outside, untraced, outputs)
 
 
@@ -712,6 +716,9 @@ def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Lin
                 trace = LineTrace(alone, 0.0, "it is the first move, so its start is not known")
             else:
                 trace = trace_line(arm, here, arm.forward_kinematics(stated) if step.pose is None else step.pose)
+                rails = [arm.joint_names.index(name) for name in program.external_joints]
+                if step.external is not None and np.abs(step.external - here[rails]).max(initial=0.0) > SAME_END:
+                    trace = trace._replace(reason="it moves external axes, which only joint moves may move")
                 if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
                     trace = trace._replace(reason="it ends at another configuration than the text states")
             if trace.reason:
@@ -724,6 +731,30 @@ def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Lin
             here = made.q
         steps.append(made)
     return replace(program, steps=tuple(steps)), traces, tuple(untraced)
+
+
+def tool_fault(program: RobotProgram, arm: Arm) -> str:
+    """Why the tool that a program declares is not that of its linear moves and its radii, in a sentence; or empty.
+
+    Its tcp must be that of the arm, from any frame that the model has at the last joint: which is the flange of the
+    controller is not stated.
+    """
+    uses = any(
+        isinstance(step, LinearMove) or (isinstance(step, JointMove) and step.blend and step.blend.radius is not None)
+        for step in program.moves
+    )
+    if program.tool is None or not uses:
+        return ""
+    tcp = arm.model.frames[arm.tcp_id]
+    for frame in arm.model.frames:
+        if frame.parentJoint == tcp.parentJoint:
+            apart = pin.log6((frame.placement * program.tool.tcp).actInv(tcp.placement)).vector
+            if np.linalg.norm(apart[:3]) <= SAME_TCP and np.linalg.norm(apart[3:]) <= SAME_TCP:
+                return ""
+    return (
+        f"the tcp of tool {program.tool.name!r} in the program is not the tcp {tcp.name!r} of the arm, from any of its "
+        "frames at the last joint; state that tcp, or correct the tool"
+    )
 
 
 def overlaps(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[int]:

@@ -28,6 +28,7 @@ from pinproof.collision import (
     program_motions,
     speed_violations,
     timed_step,
+    tool_fault,
     trace_line,
     traced,
     unknown_speeds,
@@ -555,7 +556,7 @@ def certify_picks_program(
         f"the blend at line {line} may overlap with the one before it" for line in overlaps(program, arm, traces)
     ]
     too_fast = "; ".join(speed_violations(program, arm, traces))
-    fault = too_fast or "; ".join([*untraced, *overlapping])
+    fault = too_fast or "; ".join([*untraced, *overlapping, *filter(None, [tool_fault(program, arm)])])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
     steps, certificates, notes = list(program.steps), [], list[str]()
     start = steps.pop(0)

@@ -309,13 +309,29 @@ def turned(axis: np.ndarray, angle: float) -> np.ndarray:
     return pp.pose((0, 0, 0), (x, y, z)).rotation
 
 
-def test_a_linear_move_that_moves_the_rail_beside_the_pose_is_undecided() -> None:
+@pytest.fixture(scope="module")
+def on_rail() -> pp.Arm:
+    """The UR5 on a rail."""
     rail = (
         '<link name="rail"/><joint name="rail" type="prismatic"><parent link="rail"/><child link="world"/>'
         '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="1"/></joint></robot>'
     )
-    text = pp.load_robot("ur5").urdf.text.replace("</robot>", rail)
-    arm = pp.load_robot(text).arm(tcp="tool0")
+    return pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", rail)).arm(tcp="tool0")
+
+
+@pytest.mark.parametrize(("dialect", "stated"), [("rapid", "[500.0000,9E9"), ("krl", "E1 500.0"), ("fanuc", "GP2")])
+def test_a_motion_along_a_rail_is_exported_with_an_external_axis(on_rail: pp.Arm, dialect: str, stated: str) -> None:
+    path = pp.JointPath([[0.3, *BENT], [0.5, *(BENT + 0.1)]], on_rail.joint_names)
+    motion, checker = pp.time_parametrise(path, on_rail.limits), pp.CollisionChecker(on_rail)
+    program, certificate = export_program(motion, checker, dialect)
+    assert certificate.free
+    assert (program.external_joints, stated in program.text) == ({"rail": "mm"}, True)
+    with pytest.raises(InputError, match="external axes"):
+        export_program(motion, checker, "urscript")
+
+
+def test_a_linear_move_that_moves_the_rail_beside_the_pose_is_undecided(on_rail: pp.Arm) -> None:
+    arm = on_rail
     start = np.array([0.3, *BENT])
     end = arm.forward_kinematics(start) * pp.pose((0.0, 0.0, 0.05))
     steps = [JointMove(start), LinearMove(pose=end, speed=0.02, external=start[:1])]
@@ -344,6 +360,15 @@ def test_linear_moves_with_another_tool_than_that_of_the_arm_are_undecided(diale
         assert certificate.status is status, certificate.message
         # Without linear moves and radii, the tool does not matter
         assert certified(steps[:1], pp.CollisionChecker(arm), dialect, tool=ToolData("g", tool)).free
+
+
+def test_a_blend_beside_a_linear_move_that_cannot_be_followed_is_undecided() -> None:
+    checker = pp.CollisionChecker(pp.load_robot("ur5").arm(tcp="tool0"))
+    behind = BENT + np.pi * np.eye(6)[0]  # the line leads through the base
+    steps = [JointMove(BENT - 0.3), JointMove(BENT, 3.0, Blend(0.02)), LinearMove(behind, duration=9.0)]
+    certificate = certified(steps, checker)
+    assert certificate.status is UNDECIDED
+    assert "linear move at line" in certificate.message
 
 
 def test_a_contact_on_a_linear_move_is_found(line: Cell) -> None:

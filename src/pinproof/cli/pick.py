@@ -284,8 +284,12 @@ def pick(
     if campaign is not None:
         _run_campaign(file, cell, campaign, pool, seed, path, as_json=as_json)
         return
-    # Every pick is judged in all stages.
+    # Every pick is judged in all stages, unless the language has no programs of the arm.
     is_folder = out.check()
+    if out.export is not None:
+        arm, _, _ = cell.open(file)
+        if reason := pp.motion.find_dialect(out.export).refuses(arm, pp.motion.external_joints(arm)):
+            raise InputError(reason)
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:

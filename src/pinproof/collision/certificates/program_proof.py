@@ -55,6 +55,7 @@ from pinproof.motion import (
     Trajectory,
     Wait,
     controller_motion,
+    external_joints,
     fastest,
     fewest_moves,
     find_dialect,
@@ -437,8 +438,9 @@ def export_program(
     language = find_dialect(dialect)
     if tuple(curve.joint_names) != checker.arm.joint_names:
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
-    if language.joints is not None and not checker.arm.angular.all():
-        raise InputError(f"programs in {dialect} are for revolute joints only")
+    external = {} if language.joints is None else external_joints(checker.arm)
+    if reason := language.refuses(checker.arm, external):
+        raise InputError(reason)
     if (language.exact or period is not None) and not isinstance(curve, Trajectory):
         raise InputError("this program needs a trajectory with times; use pp.time_parametrise first")
     if linear and (language.exact or period is not None):
@@ -465,6 +467,7 @@ def export_program(
         name=name,
         deviation=deviation,
         joint_map=joint_map,
+        external_joints=external,
     )
     program = write(steps)
     certificate = certify_program(program, checker)
@@ -920,9 +923,9 @@ def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
 
 
 def _dense(q: Array) -> Array:
-    """Points of a move at equal shares of it."""
-    if len(q) > 2:
-        return q
+    """Points of a move at equal shares of it; a line that is not traced has a single one."""
+    if len(q) != 2:
+        return q if len(q) > 2 else np.repeat(q, 2, axis=0)
     return np.asarray(q[0] + np.arange(0.0, 1.0 + SPACING, SPACING)[:, None] * (q[1] - q[0]))
 
 

@@ -59,6 +59,7 @@ from pinproof.motion import (
     Wait,
     certificate_id,
     controller_motion,
+    external_joints,
     fewest_moves,
     find_dialect,
     is_program_file,
@@ -148,11 +149,14 @@ def export_picks(
     Raises
     ------
     InputError
-        If there is no pick, programs do not meet, or the language cannot express a step.
+        If there is no pick, programs do not meet, or the language cannot express a step, or a joint such as a rail.
     """
-    # The programs follow each other
     if not picks:
         raise InputError("there is no pick with a motion to export")
+    external = external_joints(setup.checker.arm)
+    if reason := find_dialect(dialect).refuses(setup.checker.arm, external):
+        raise InputError(reason)
+    # The programs follow each other
     for (_, before), (pick, after) in pairwise(picks):
         gap = np.abs(before.segments[-1].trajectory.end - after.segments[0].trajectory.start).max()
         if gap > MEET_TOLERANCE:
@@ -190,6 +194,7 @@ def export_picks(
         deviation=deviation,
         joint_map=joint_map,
         picks=executed,
+        external_joints=external,
     )
     # What the text states is certified; a proven program states the hash of its proofs
     written = write(steps)

@@ -125,6 +125,23 @@ def test_differences_of_any_table_apply_to_every_row(tmp_path, robot, head):
         np.testing.assert_allclose(actual, expected.forward_kinematics(q), rtol=0, atol=1e-12)
 
 
+RAIL = """<link name="floor"/><joint name="rail" type="prismatic"><parent link="floor"/><child link="base_link"/>
+<origin xyz="0.1 0.2 0.3" rpy="0.4 0 0.5"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/>
+</joint></robot>"""
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_arm_on_a_rail_is_calibrated(tmp_path, kind):
+    """Calibrations of a make were refused, because the robot has seven joints."""
+    table, text = made.perturbed("ur5e", 3), pp.load_robot("ur5e").urdf.text.replace("</robot>", RAIL)
+    arm = pp.load_robot(text, calibration=made.write(tmp_path, "ur5e", table, kind)).arm(tcp="tool0")
+    assert arm.joint_names[0] == "rail"
+    for q in np.random.default_rng(0).uniform(-2, 2, (20, 7)):
+        rail = pp.pose((0.1, 0.2, 0.3), (0.4, 0, 0.5)) * pp.pose((0, q[0], 0))
+        expected = rail.homogeneous @ made.forward(table, q[1:])
+        np.testing.assert_allclose(arm.forward_kinematics(q).homogeneous, expected, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("robot", ["ur3", "ur5", "ur10", "ur5e"])
 def test_the_table_like_ur_is_the_published_one(robot):
     arm = pp.load_robot(robot).arm()

@@ -126,15 +126,22 @@ def _arm_of(robot: Robot, calibration: Calibration) -> Arm:
     for name in own:
         if name not in arm.joint_names:
             raise CalibrationError(calibration.path, str(UnknownNameError("joint", name, arm.joint_names, str(arm))))
-    make = "" if calibration.like is None else f" of {MAKES[calibration.like].name}"
-    if len(names) != count or (own and own != names) or (calibration.like and arm.dof != count):
+    described = robot.arm(arm.tcp, base=robot.urdf.joints[names[0]].parent)
+    fits = len(names) == count and (not own or own == names)
+    if calibration.like is not None and arm.dof != count:  # a rail or a turntable may carry the arm of the make
+        try:
+            urdf_to_dh(described, convention=calibration.convention, like=calibration.like)
+        except ConversionError:
+            fits = False
+    if not fits:
+        make = "" if calibration.like is None else f" of {MAKES[calibration.like].name}"
         stated = f"the joints {', '.join(own)}" if own else f"{count} joints"
         raise CalibrationError(
             calibration.path,
             f"states {stated} of an arm{make}; robot {robot.name!r} has {arm.dof}, in this order: "
             f"{', '.join(arm.joint_names)}",
         )
-    return robot.arm(arm.tcp, base=robot.urdf.joints[names[0]].parent)
+    return described
 
 
 def _refuse_other_robots(calibration: Calibration, arm: Arm, nominal: list[Array], true: list[Array]) -> None:

@@ -36,6 +36,12 @@ def test_a_sequence_is_printed_and_written(run: Cli) -> None:
 
 
 @pytest.mark.slow
+def test_a_budget_of_rotation_is_stated_once_for_each_joint(run: Cli) -> None:
+    twice = ("--windings", "wrist_3_joint=200 deg", "--windings", "wrist_3_joint=300 deg")
+    run.refuses(*SEQUENCE, "bolt_1", *twice, named=("--windings", "wrist_3_joint", "twice"))
+
+
+@pytest.mark.slow
 def test_failing_picks_of_a_sequence_are_listed_and_give_exit_code_1(run: Cli) -> None:
     outputs = [f"-ocell.{kind}" for kind in ("csv", "md", "json")]
     first, second, summary, *_ = run.prints(*SEQUENCE, "bolt_1,bolt_6", *outputs, code=1).splitlines()

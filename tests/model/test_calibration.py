@@ -228,6 +228,8 @@ WRONG = {
     "no section": ("conf", CONF.replace("[mounting]", "[other]"), "ur5", ["[mounting]", "delta_theta"]),
     "no key": ("conf", CONF.replace("delta_d", "delta_e"), "ur5", ["delta_d", "[mounting]"]),
     "not calibrated": ("conf", CONF.replace("status = 2", "status = 0"), "ur5", ["line 7", "calibration_status"]),
+    "stated twice": ("conf", CONF + CONF, "ur5", ["line 9", "delta_theta", "line 2"]),
+    "two tables": ("csv", "# convention: modified\n" + CSV, "ur5", ["like: ur", "modified", "standard"]),
     "no link": ("yaml", KINEMATICS.replace("  forearm:", "  elbow:"), "ur5", ["forearm", "wrist_3"]),
     "nan in YAML": ("yaml", with_value(KINEMATICS, "z", ".nan"), "ur5", ["line 5", "z"]),
     "no angle": ("yaml", KINEMATICS.replace("    pitch", "    pitsch", 1), "ur5", ["line 7", "pitsch", "pitch"]),

@@ -91,7 +91,10 @@ class OrderOptions:
         pairs = [text.partition("=") for text in self.windings or ()]
         if wrong := next((name for name, equals, _ in pairs if not equals), None):
             raise InputError(f'--windings {wrong!r}: state a joint and an angle, such as "wrist_3_joint=400 deg"')
-        return {name.strip(): angle.strip() for name, _, angle in pairs} or None
+        budgets = {name.strip(): angle.strip() for name, _, angle in pairs}
+        if len(budgets) < len(pairs):
+            raise InputError(f"--windings states a joint twice: {', '.join(self.windings or ())}; state it once")
+        return budgets or None
 
 
 def cell_sequence(

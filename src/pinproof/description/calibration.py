@@ -137,13 +137,15 @@ class _Lines(dict[str, Any]):
 
 def _conf(path: Path) -> Calibration:
     """The deltas of the section [mounting]."""
-    section, stated, lines = "", _Lines(), {}
+    section, stated, lines = "", _Lines(), dict[str, int]()
     for number, line in enumerate(read_text(path, CalibrationError).splitlines(), 1):
         text = line.partition("#")[0].strip()
         name, equals, value = (part.strip() for part in text.partition("="))
         if text.startswith("[") and not equals:
             section = text.strip("[] ")
         elif section == "mounting" and name in (*COLUMNS, "calibration_status"):
+            if name in stated:
+                raise st.Misread(f"states {name} twice, first in line {lines[name]}", (), f"line {number}")
             try:
                 stated[name], lines[name] = yaml.safe_load(value), number
             except yaml.YAMLError as error:
@@ -179,6 +181,11 @@ def _deltas(path: Path) -> Calibration:
         raise InputError(
             f"states no table; add '# convention: standard' or '# convention: modified' for that of pinproof urdf2dh, "
             f"or {makes} for that of the make"
+        )
+    if like is not None and convention not in (None, MAKES[like].convention):
+        raise InputError(
+            f"states '# like: {like}' and '# convention: {convention}', but the table of {MAKES[like].name} has the "
+            f"convention {MAKES[like].convention}; remove one of them"
         )
     stated: list[CsvRow] = content["rows"]
     rows = [st.step(number, row.at(), DELTA.parse, "row", row, path) for number, row in enumerate(stated)]

@@ -525,6 +525,19 @@ def test_a_rail_and_a_turntable_are_external_axes_in_millimetres_and_degrees(dia
     assert close(mapped.moves[0].q, bent, 2 * RESOLUTION[dialect])
 
 
+@pytest.mark.parametrize("dialect", ["urscript", "krl", "fanuc"])
+def test_a_load_that_is_less_than_the_tool_or_elsewhere_is_refused(dialect):
+    tool = ToolData("gripper", pp.pose((0.0, 0.0, 0.1)), 1.25, (0.0, 0.0, 0.06))
+    steps = [JointMove(np.zeros(6)), SetLoad(None)]
+    text = make_program(steps, NAMES, dialect=dialect, tool=tool).text
+    first = text.rindex("1.25")
+    for old, new in (("1.25", "0.25"), ("0.06", "0.09") if dialect == "urscript" else ("60.0", "90.0")):
+        edited = text[:first] + text[first:].replace(old, new, 1)
+        assert edited != text
+        with pytest.raises(TrajectoryError, match="load"):
+            RobotProgram.parse(edited, dialect=dialect, allow_changes=True)
+
+
 def test_external_joints_are_the_prismatic_ones_before_the_robot():
     class Rail:
         joint_names, angular = ("x", "y", *NAMES), np.array([False, False, *[True] * 6])

@@ -220,13 +220,19 @@ def test_a_deviation_of_the_controller_is_covered_where_the_part_is_on_no_suppor
     assert wide.free
     assert (exact.program.deviation, wide.program.deviation, exact.notes) == (0.0, 0.0005, ())
     (note,) = wide.notes
-    for motion, narrow, tube in zip(verdict.motions, exact.certificates[0], wide.certificates[0], strict=True):
+    for motion, tube in zip(verdict.motions, wide.certificates[0], strict=True):
         assert (motion.name in note) == bool(tube.partings)
         if tube.partings:
             assert not tube.tube.joints.any()
         else:
             assert np.all(np.asarray(tube.tube.joints) >= 0.0005)
-            assert tube.clearance <= narrow.clearance
+    # Proven clearances are lower bounds, so they are compared with those of samples off the moves
+    first, second = (move.q for move in wide.program.moves[:2])
+    samples = first + np.linspace(0.0, 0.9, 60)[:, None] * (second - first)
+    samples += 0.0005 * np.random.default_rng(0).choice([-1.0, 1.0], samples.shape)
+    least = report.setup.checker.clearance_batch(samples).min()
+    assert verdict.motions[0].name == "transit"
+    assert least - 0.02 < wide.certificates[0][0].clearance <= least
     assert "not covered: over_the_wall" in wide.program.text
     assert "not covered" not in exact.program.text
     assert RobotProgram.parse(wide.program.text, dialect="urscript").certificate == wide.program.certificate != ""

@@ -326,6 +326,9 @@ class Heading:
         def read(values: Sequence[float]) -> dict[str, Payload | None]:
             mass, moment = own()
             rest = round(values[0] - mass, digits)
+            apart = np.abs(values[0] * np.array(values[1:]) - unit * moment).max()
+            if rest < 0.0 or (rest == 0.0 and apart > (1.0 + mass) * 10.0**-digits):
+                raise ValueError("a load is that of the tool and of a part, but this one is neither")
             center = (values[0] * np.array(values[1:]) / unit - moment) / (rest or 1.0)
             return {"payload": Payload(rest, center) if rest > 0 else None}
 

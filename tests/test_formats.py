@@ -275,9 +275,9 @@ EVERYTHING["tool"] = {**{key: OTHER_PICKS[key] for key in ROBOT_KEYS}, **HAND}
 VALUES = {
     "held": {"thumb": HAND["held"]["thumb"]},
     "fingers": {"opening": 0.05, "grip": 0.02},
-    "cup": OTHER_PICKS["cup"],
     "grip_limits": HAND["grip_limits"],
 }
+OF_CUP = {"cup": OTHER_PICKS["cup"]}
 MIXED_PICKS = {
     "robot": "ur5",
     "tools": {"jaws": HAND, "cup": CUP, "other": "tool.yaml"},
@@ -293,8 +293,14 @@ MIXED_PICKS = {
             "tool": "jaws",
             "grasps": [
                 {"name": "head", **GRASP_KEYS, **VALUES, "tool": "jaws"},
-                {"xyz": [0, 0, 0], "quat_xyzw": [1, 0, 0, 0], "tool": "cup"},
+                {"xyz": [0, 0, 0], "quat_xyzw": [1, 0, 0, 0], "tool": "jaws"},
             ],
+        },
+        "sheet": {
+            "sphere": {"radius": 0.05},
+            "tool": "cup",
+            **OF_CUP,
+            "grasps": [{"xyz": [0, 0, 0], "rpy": [0, 0, 0], **OF_CUP}],
         },
         **{f"part {k}": {key: shape[key] for key in shape if key in SHAPES_BY_KEY} for k, shape in enumerate(SHAPES)},
     },
@@ -306,6 +312,15 @@ MIXED_PICKS = {
 }
 MIXED_PICKS["parts"] |= {
     name: {**part, "tool": "jaws"} for name, part in MIXED_PICKS["parts"].items() if "tool" not in part
+}
+CUP_PICKS = {
+    "robot": "ur5",
+    "tools": {"cup": CUP},
+    "parts": {
+        "sheet": {"sphere": {"radius": 0.05}, **OF_CUP, "grasps": [{"xyz": [0, 0, 0], "rpy": [0, 0, 0], **OF_CUP}]}
+    },
+    "defaults": {"part": "sheet", **OF_CUP},
+    "picks": [{"name": "one", "object": "sheet_1", **OF_CUP}],
 }
 for tree in (EVERYTHING["picks"], OTHER_PICKS, MIXED_PICKS):
     own = {key: value for key, value in tree.items() if key in CELL_ROBOT.names}
@@ -410,6 +425,7 @@ def test_the_readers_accept_every_key_of_the_schemas(folder: Path) -> None:
         ("tool", CUP),
         ("picks", OTHER_PICKS),
         ("picks", MIXED_PICKS),
+        ("picks", CUP_PICKS),
     ]:
         assert refused(name, tree, folder) is None
         assert invalid(name, tree) == []
@@ -421,7 +437,9 @@ def test_the_readers_accept_every_key_of_the_schemas(folder: Path) -> None:
 
 def files_of(name: str) -> list[Any]:
     """Files of a format in which together every key occurs."""
-    return copy.deepcopy([EVERYTHING[name], *{"picks": [OTHER_PICKS, MIXED_PICKS], "tool": [CUP]}.get(name, [])])
+    return copy.deepcopy(
+        [EVERYTHING[name], *{"picks": [OTHER_PICKS, MIXED_PICKS, CUP_PICKS], "tool": [CUP]}.get(name, [])]
+    )
 
 
 @pytest.mark.parametrize("name", READERS)

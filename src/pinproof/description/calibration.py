@@ -122,7 +122,10 @@ def read_calibration(path: str | Path) -> Calibration:
     if found := calibration_format(path):
         with st.errors_of(path, CalibrationError):
             return readers[found](path)
-    read_text(path, CalibrationError)  # a file that cannot be read is reported as that
+    # A file that cannot be read is reported as that
+    read_text(path, CalibrationError)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        read_yaml(path, ("kinematics",), CalibrationError)
     raise CalibrationError(path, f"is not a calibration file; valid: {CONF}, {KINEMATICS} (YAML), {DELTAS} (CSV)")
 
 

@@ -50,7 +50,7 @@ def sequence(
     grip_dwell: float = 0.0,
     release_dwell: float = 0.0,
     order: Iterable[str] | None = None,
-    windings: Mapping[str, float] | None = None,
+    windings: Mapping[str, float | str] | None = None,
     budget: SequenceBudget | None = None,
     executor: Executor | None = None,
     workers: int | None = None,

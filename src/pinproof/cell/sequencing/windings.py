@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import cast
 
 import numpy as np
 
@@ -60,7 +61,7 @@ def twists(
     )  # fmt: skip
 
 
-def within_windings(setup: PickSetup, windings: Mapping[str, float] | None) -> PickSetup:
+def within_windings(setup: PickSetup, windings: Mapping[str, float | str] | None) -> PickSetup:
     """The setup with the budgets (rad) by joint, by default those of the picks, as limits of its arm.
 
     UnknownNameError for a joint that the arm does not have; InputError for one that is not revolute, or for a budget
@@ -68,7 +69,7 @@ def within_windings(setup: PickSetup, windings: Mapping[str, float] | None) -> P
     """
     arm, shared = setup.checker.arm, setup.shared
     if windings is not None:
-        shared = replace(shared, windings=windings, places={})
+        shared = replace(shared, windings=cast(Mapping[str, float], windings), places={})  # reads texts
     check_windings(arm, shared)
     if not shared.windings:
         return replace(setup, shared=shared)

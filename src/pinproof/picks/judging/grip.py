@@ -35,7 +35,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.collision import (
-    MOST_ADVANCES,
     TOUCH,
     ConvexShape,
     LineSurface,
@@ -324,16 +323,17 @@ def close_on(fingers: Sequence[MovingFinger], part: HeldPart) -> Closing:
     """Close fingers until two of them touch a part; links of one branch are one finger.
 
     Each contact is found by conservative advancement (Mirtich, 1996): a finger whose points move by less than its
-    distance cannot touch. It ends within :data:`TOUCH` of the part.
+    distance cannot touch. It ends within :data:`TOUCH` of the part, or completely closed; each step is
+    longer than that.
     """
     measure, target = MeasureByCoal(), part.surface.surface or part.surface.body
     touched: dict[str, tuple[float, str]] = {}
     for finger in fingers:
         share, most = 0.0, touched.get(finger.branch, (1.0, ""))[0]
-        for _ in range(MOST_ADVANCES):
+        while share <= most:
             placed = [(own.surface or own.body, (finger.at(share) * at).homogeneous) for own, at in finger.surfaces]
             apart = min(measure(own, at, target, part.pose.homogeneous).attained for own, at in placed)
-            if apart <= TOUCH or share > most:
+            if apart <= TOUCH:
                 break
             share += apart / max(finger.rate, LEAST_TRAVEL)
         if share <= most:

@@ -217,6 +217,35 @@ def test_the_motion_begins_at_a_given_configuration(ur5, free):
     assert refused.blocked[0].obstruction is Obstruction.CONTACT
 
 
+def test_the_windings_of_a_given_start_are_kept(ur5, free):
+    for winding in (0.0, -2 * np.pi):
+        start = pp.AnalyticIk().solve_all(ur5, pp.pose((0.45, -0.3, 0.3), (np.pi, 0, 0))).q[0].copy()
+        start[5] += winding if start[5] > 0 else -winding
+        plan = pp.follow(free, ToolPath.through(LINE[:3], UP, speed=0.1), start=start).or_raise()
+        assert plan.trajectory.start == pytest.approx(start, abs=1e-9)
+
+
+def test_the_speed_holds_on_steps_of_a_fraction_of_a_millimetre(free):
+    dense = np.column_stack([np.full(101, 0.4), np.linspace(-0.02, 0.02, 101), np.full(101, 0.2)])
+    (piece,) = pp.follow(free, ToolPath.through(dense, UP, speed=0.05), speed_tolerance=0.2).or_raise().pieces
+    assert 0.04 <= piece.speed[0] <= piece.speed[1] <= 0.05 * (1 + 1e-4)
+    assert piece.trajectory.duration == pytest.approx(0.04 / 0.05, rel=0.1)
+
+
+def test_where_the_tool_reverses_it_is_slower_only_in_the_reported_intervals(free):
+    plan = pp.follow(free, ToolPath.through(LINE[[0, 3, 0]], UP, speed=0.1), speed_tolerance=0.05).or_raise()
+    (piece,) = plan.pieces
+    ((begin, end),) = piece.slow
+    times = np.linspace(0, piece.trajectory.duration, 8001)
+    points = np.array([free.arm.forward_kinematics(q).translation for q in piece.trajectory(times)])
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    speed, along, middle = lengths / np.diff(times), np.cumsum(lengths), 0.5 * (times[1:] + times[:-1])
+    between = (along > piece.ramps[0] + 1e-4) & (along < along[-1] - piece.ramps[1] - 1e-4)
+    slow = (middle > begin - 1e-3) & (middle < end + 1e-3)
+    assert speed[between & ~slow].min() >= piece.speed[0] - 1e-6
+    assert speed[between & slow].min() < 0.5 * piece.speed[0]
+
+
 def test_tilts_pass_where_the_axis_of_the_path_is_in_contact(ur5):
     # A bar beside the path, which the wrist touches unless the tool leans away from it
     post = pp.Obstacle("bar", pp.Box(0.02, 0.9, 0.02), pp.pose((0.445, 0.0, 0.24)))

@@ -148,6 +148,10 @@ def follow(
             f"{2.0 * image:.2g} m and {2.0 * image_rotation:.2g} rad, twice the accuracy of timed curves of this arm"
         )
     # The grid, and what the tool keeps to
+    if isinstance(free_rotation, bool | np.bool_):
+        free_rotation = bool(free_rotation)
+    elif isinstance(free_rotation, str) or np.shape(free_rotation) != (2,):
+        raise InputError(f"free_rotation must be True, False or a range (low, high) in rad, not {free_rotation!r}")
     if free_rotation is True:
         angles = 2.0 * np.pi * np.arange(rotations) / rotations
     elif free_rotation is False:
@@ -273,7 +277,7 @@ def _piece(search: Search, piece: FollowedPiece, timed: TimedPath | None) -> Pat
     )
     own: dict[str, Any] = {}
     if timed is not None:
-        own = {name: getattr(timed, name) for name in ("speed", "speed_share", "ramps")}
+        own = {name: getattr(timed, name) for name in ("speed", "speed_share", "ramps", "slow")}
     return PathPiece(
         first=max(rungs[0].at, 0.0), last=min(rungs[-1].at, len(search.path) - 1.0), q=piece.course.q,
         rotations=piece.rotations, poses=np.array([rung.at for rung in rungs]), cost=piece.course.cost,

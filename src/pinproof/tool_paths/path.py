@@ -22,6 +22,7 @@ ZERO = 1e-9
 SLIGHT = 0.9
 # m/s: faster tools are stated in mm/s by mistake.
 FASTEST = 10.0
+NO_POSE = "the tool path has no pose; give at least one"
 
 
 @described(eq=False, repr=False)
@@ -50,7 +51,7 @@ class ToolPath(Shown):
         poses = rigid_many("poses", self.poses)
         count = len(poses)
         if not count:
-            raise InputError("the tool path has no pose; give at least one")
+            raise InputError(NO_POSE)
         refuse_millimetres("poses", np.abs(poses[:, :3, 3]).max(axis=1).tolist())
         speed = None
         if self.speed is not None:
@@ -112,6 +113,8 @@ class ToolPath(Shown):
             Also if a normal has length 0; the message states its number.
         """
         places = finite("points", points, (None, 3))
+        if not len(places):
+            raise InputError(NO_POSE)
         refuse_millimetres("points", np.abs(places).max(axis=1, initial=0.0).tolist())
         given = np.asarray(normals, dtype=float)
         axes = -finite("normals", np.tile(given, (len(places), 1)) if given.ndim == 1 else given, (len(places), 3))

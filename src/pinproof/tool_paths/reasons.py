@@ -40,7 +40,7 @@ def place_name(rung: Rung, names: tuple[str, ...]) -> str:
 def blocked_rungs(checker: CollisionChecker, rungs: list[Rung], turns: int, names: tuple[str, ...]) -> BlockedPose:
     """Why consecutive rungs have no nodes, all for one reason; ``turns`` is the number of rotations of the grid."""
     first, last = rungs[0], rungs[-1]
-    where = place_name(first, names) if first is last else f"{place_name(first, names)} to {place_name(last, names)}"
+    where = " to ".join(dict.fromkeys((place_name(first, names), place_name(last, names))))
     over = f"at all {turns} rotations" if turns > 1 else "at the rotation of the path"
     kind, proven = obstruction(first), all(rung.complete for rung in rungs)
     if kind is not Obstruction.CONTACT:

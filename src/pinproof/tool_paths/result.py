@@ -83,8 +83,8 @@ class PathPiece:
         "rad",
     )
     speed: tuple[float, float] = key(
-        "bounds (m/s) of the speed of the tool, between the instants at which it first and last has the stated speed"
-        " within the tolerance; without a stated speed, over the whole piece",
+        "bounds (m/s) of the speed of the tool between ``ramps`` and outside of ``slow``; the upper one holds at every"
+        " instant. Without a stated speed, over the whole piece",
         default=(math.nan, math.nan),
     )
     speed_share: float = key(
@@ -92,8 +92,14 @@ class PathPiece:
         default=1.0,
     )
     ramps: tuple[float, float] = key(
-        "length (m) at the start and at the end on which the tool is slower, because it starts and stops there",
+        "length (m) at the start and at the end on which the tool is slower than the tolerance permits, because it"
+        " starts and stops there",
         default=(0.0, 0.0),
+    )
+    slow: tuple[tuple[float, float], ...] = key(
+        "begin and end (s) of the intervals of ``trajectory`` between them in which the tool is slower: where it"
+        " reverses, stops at a corner, or changes to another stated speed",
+        default=(),
     )
 
 
@@ -152,7 +158,8 @@ class FollowPlan(Answer):
         found = {"ok": self.ok, "status": self.status.name, "message": self.message, "poses": len(self.path)}
         pieces = [
             {name: getattr(piece, name) for name in ("first", "last", "cost", "deviation", "rotation_deviation")}
-            | {"speed": list(piece.speed), "ramps": list(piece.ramps), "rotations": piece.rotations.tolist()}
+            | {"speed": list(piece.speed), "ramps": list(piece.ramps), "slow": [list(each) for each in piece.slow]}
+            | {"rotations": piece.rotations.tolist()}
             for piece in self.pieces
         ]
         blocked = [

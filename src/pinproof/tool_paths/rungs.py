@@ -102,7 +102,7 @@ class Rung:
     ``q`` (m, n) are all IK solutions within the limits, and ``free`` (m,) states which of them have no contact.
     ``outside`` solutions exist outside the limits. ``complete`` states that no other solution exists at the rotations
     and tilts of the grid. ``removed`` are the edges to the next rung, as pairs of rows of :attr:`nodes`, along which no
-    curve was found.
+    curve was found. A rung that is ``given`` has one node, whose values are not exchanged for other windings.
     """
 
     route: int
@@ -115,6 +115,7 @@ class Rung:
     complete: bool = False
     rates: Array = field(default_factory=lambda: np.empty(0))  # (k,) the costs of the nodes per second
     removed: list[tuple[int, int]] = field(default_factory=list)
+    given: bool = False
 
     @property
     def nodes(self) -> Array:
@@ -122,8 +123,17 @@ class Rung:
         return self.q[self.free]
 
 
-def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask, costs: FollowCosts, rng: int) -> None:
-    """Compute the nodes of rungs."""
+def fill(
+    rungs: list[Rung],
+    checker: CollisionChecker,
+    grid: Grid,
+    task: IkTask,
+    costs: FollowCosts,
+    rng: int,
+    *,
+    ranged: bool = False,
+) -> None:
+    """Compute the nodes of rungs; ``ranged`` states that the rotation of the tool is free only in a range."""
     arm, turns, count = checker.arm, grid.turns, len(rungs)
     places = np.array([rung.place for rung in rungs]).reshape(-1, 4, 4)
     outside: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
@@ -137,8 +147,10 @@ def fill(rungs: list[Rung], checker: CollisionChecker, grid: Grid, task: IkTask,
         outside = found.outside.reshape(count, -1).sum(axis=1)
         complete = np.asarray(found.complete.reshape(count, -1).all(axis=1))
     except NoClosedForm:
-        # Different solutions from random starts; a rotation that is free is left to the search
-        solver, turns = Clik(restarts=SAMPLED), turns if task == IkTask() else turns[:1]
+        # Different solutions from random starts; a rotation that is free without a range is left to the search
+        if task != IkTask():
+            turns, task = (turns, IkTask()) if ranged else (turns[:: len(grid.rotations)], task)
+        solver = Clik(restarts=SAMPLED)
         many = [
             solver.solve_many(arm, place @ change, rng=rng, count=SAMPLED, task=task).q
             for place in places
@@ -236,7 +248,7 @@ class RungLadder:
         """The cheapest sequence from one rung to another one, or to the farthest before it, within all limits."""
         while True:
             found = self._ladder.solve(first, last)
-            q, misfit = self._unwound(self._q[found.nodes])
+            q, misfit = self._unwound(self._q[found.nodes], given=self._rungs[first].given)
             if misfit is None:
                 nodes = self._node[found.nodes]
                 return Course(q, nodes, found.cost if len(nodes) else 0.0, self._q[found.reachable])
@@ -252,7 +264,7 @@ class RungLadder:
         parts, nodes = [], []
         for rung in self._rungs:
             q, node = rung.nodes, np.arange(len(rung.rates))
-            for joint in self._split if len(q) else ():
+            for joint in self._split if len(q) and not rung.given else ():
                 value = q[:, joint]
                 fewest = int(np.ceil((limits.lower[joint] - AT_LIMIT - value.max()) / TURN))
                 most = int(np.floor((limits.upper[joint] + AT_LIMIT - value.min()) / TURN))
@@ -287,10 +299,11 @@ class RungLadder:
                 for here, there in product(*windings):
                     self._ladder.remove(here, there)
 
-    def _unwound(self, q: Array) -> tuple[Array, int | None]:
+    def _unwound(self, q: Array, *, given: bool) -> tuple[Array, int | None]:
         """The sequence (k, n) with the shortest steps of the joints with several windings, within the limits.
 
-        The second result is a joint that does not fit into its limits with any winding, if there is one.
+        If its first configuration is ``given``, its windings are kept. The second result is a joint that does not fit
+        into its limits with any winding, if there is one.
         """
         q, limits = q.copy(), self.arm.limits
         for joint in np.flatnonzero(self._wide).tolist() if len(q) else ():
@@ -303,6 +316,8 @@ class RungLadder:
                 continue
             fewest = np.ceil((limits.lower[joint] - AT_LIMIT - low) / TURN)
             most = np.floor((limits.upper[joint] + AT_LIMIT - high) / TURN)
+            if given:
+                fewest, most = max(fewest, 0.0), min(most, 0.0)
             if fewest > most:
                 return q, joint
             # The winding that keeps the joint closest to the middle of its range

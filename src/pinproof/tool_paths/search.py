@@ -14,6 +14,7 @@ pieces: a piece that begins later reaches no farther.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import groupby, pairwise, product
 
 import numpy as np
@@ -25,7 +26,7 @@ from pinproof.motion import CubicPath
 from pinproof.planning import Route, nearest_target, routes_through
 from pinproof.spatial import SE3, Array, matrix, pose
 from pinproof.tool_paths.curves import CurveMaker, NoCurve, RouteCurve
-from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.path import SAME_POSITION, ToolPath
 from pinproof.tool_paths.reasons import blocked_rungs, jump, obstruction, smallest_step
 from pinproof.tool_paths.result import BlockedPose
 from pinproof.tool_paths.rungs import (
@@ -47,6 +48,8 @@ SPIN = IkTask(rz=False)
 ROUNDED = 0.3
 # M: rungs are not added closer than this to each other.
 CLOSEST = 5e-4
+# Rad/m: steps of at most CLOSEST with a larger rotation for their length count as rotations without a stated speed.
+ROTATING = 100.0
 # Number of rungs whose nodes are computed at a time, which bounds the memory.
 BLOCK = 64
 # rad: larger changes of the direction of travel are sharp corners.
@@ -69,7 +72,8 @@ WINDOW = 2.0
 class FollowedPiece:
     """A part of the path from one rung to another one, with the curve along each route or part of a route.
 
-    ``groups`` are the curves of approach, path and departure, each with the speed of its pieces.
+    ``groups`` are the curves of approach, path and departure, each with the speed of its pieces at most, and where it
+    is also the speed that is wanted.
     """
 
     first: int
@@ -77,7 +81,7 @@ class FollowedPiece:
     course: Course
     grid_cost: float
     curves: list[RouteCurve]
-    groups: list[list[tuple[CubicPath, Array]]]
+    groups: list[list[tuple[CubicPath, Array, Flags]]]
     rotations: Array
 
 
@@ -198,7 +202,7 @@ class Search:
                 self._allowed(one, self.rungs[:1] * len(one)),
                 int(outside),
             )
-            self.rungs[0].rates = np.zeros(int(self.rungs[0].free.sum()))
+            self.rungs[0].rates, self.rungs[0].given = np.zeros(int(self.rungs[0].free.sum())), True
         self._connect()
 
     def _sharp(self) -> list[int]:
@@ -210,25 +214,39 @@ class Search:
     def _fill(self, rungs: list[Rung]) -> None:
         for first in range(0, len(rungs), BLOCK):
             block = rungs[first : first + BLOCK]
-            fill(block, self.checker, self.grid, self.task, self.settings.costs, self.rng)
+            fill(
+                block, self.checker, self.grid, self.task, self.settings.costs, self.rng, ranged=self.spin is not None
+            )  # fmt: skip
 
     def _connect(self) -> None:
         """The ladder graph over the rungs."""
         places = np.array([rung.place for rung in self.rungs])
         length = np.linalg.norm(np.diff(places[:, :3, 3], axis=0), axis=1)
         turned = np.linalg.norm(np.diff(places[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
-        speed = self._speeds(0.5 * np.array([a.at + b.at for a, b in pairwise(self.rungs)]))
-        timed = np.isfinite(speed)
+        speed, timed = self._speeds(0.5 * np.array([a.at + b.at for a, b in pairwise(self.rungs)]))
         duration = np.where(timed, length / speed, np.maximum(length / NOMINAL, turned / NOMINAL_ROTATION))
         self._ladder = RungLadder(self.checker.arm, self.rungs, np.maximum(duration, 1e-6), timed, self.settings)
 
-    def _speeds(self, at: Array) -> Array:
-        """(k,) the speed (m/s) of the tool at places of the path; infinite without one, and where it only rotates."""
-        if self.path.speed is None or not len(self.path.speed):
-            return np.full(len(at), np.inf)
-        piece = np.clip(np.floor(at).astype(int), 0, len(self.path.speed) - 1)
-        moves = (self.path.lengths[piece] > CLOSEST) | (at < 0.0) | (at > len(self.path) - 1)
-        return np.where(moves, self.path.speed[piece], np.inf)
+    def _speeds(self, at: Array) -> tuple[Array, Flags]:
+        """(k,) the largest speed (m/s) of the tool at places of the path, and where it is the one that is wanted.
+
+        Without a stated speed it is infinite. Where the tool only rotates, no speed is wanted.
+        """
+        path = self.path
+        if path.speed is None or not len(path.speed):
+            return np.full(len(at), np.inf), np.zeros(len(at), dtype=bool)
+        piece = np.clip(np.floor(at).astype(int), 0, len(path.speed) - 1)
+        beyond = (at < 0.0) | (at > len(path) - 1)
+        return path.speed[piece], self._moving[piece] | beyond
+
+    @cached_property
+    def _moving(self) -> Flags:
+        """(N - 1,) on which lines of the path the tool moves, and does not only rotate."""
+        columns = slice(2, 3) if self.whole else slice(0, 3)
+        change = np.diff(self.path.poses[:, :3, columns], axis=0)
+        turned = np.linalg.norm(change, axis=(1, 2)) / (1.0 if self.whole else np.sqrt(2.0))
+        moved = (self.path.lengths > SAME_POSITION) & (turned <= ROTATING * self.path.lengths)
+        return np.asarray((self.path.lengths > CLOSEST) | moved)
 
     # -- a piece without lifts -------------------------------------------------------------------------------------
 
@@ -305,7 +323,7 @@ class Search:
         projection = IkTask(rx=False, ry=False, rz=False) if len(self.grid.tilts) > 1 else self.task
         maker = CurveMaker(self.checker.arm, self.task, allowed[0], allowed[1], self.spin, projection)
         curves: list[RouteCurve] = []
-        groups: list[list[tuple[CubicPath, Array]]] = [[], [], []]
+        groups: list[list[tuple[CubicPath, Array, Flags]]] = [[], [], []]
         begin = 0
         while begin < len(rungs) - 1:
             number = rungs[begin + 1].route
@@ -326,8 +344,7 @@ class Search:
                     curves.append(made)
                     knots, ats = made.path.knots, np.array([rung.at for rung in rungs[begin : end + 1]])
                     group = 0 if ats[-1] <= 0.0 else 1 if ats[0] < len(self.path) - 1 else 2
-                    speed = self._speeds(np.interp(0.5 * (knots[1:] + knots[:-1]), s, ats))
-                    groups[group].append((made.path, speed))
+                    groups[group].append((made.path, *self._speeds(np.interp(0.5 * (knots[1:] + knots[:-1]), s, ats))))
                     begin = end
                     continue
             edge = begin + int(np.clip(np.searchsorted(s, where, side="right") - 1, 0, end - begin - 1))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
@@ -26,12 +27,27 @@ class TimedPath:
     speed: tuple[float, float]
     speed_share: float
     ramps: tuple[float, float]
+    slow: tuple[tuple[float, float], ...]
 
 
-def timed_along(arm: Arm, curves: list[tuple[CubicPath, Array]], tolerance: float) -> TimedPath:
-    """The motion along curves at whose ends the tool stops, each with the speed (m/s) of its pieces.
+@dataclass(frozen=True)
+class ToolSpeed:
+    """Bounds (m/s) of the speed of the tool between its ramps.
 
-    The speed is infinite where none is stated. A share of it that ``tolerance`` does not permit ends a ramp.
+    ``ramps`` are their lengths (m) at both ends, and ``times`` (s) the end of the first one and the begin of the last.
+    """
+
+    low: float
+    high: float
+    ramps: tuple[float, float]
+    times: tuple[float, float]
+
+
+def timed_along(arm: Arm, curves: list[tuple[CubicPath, Array, npt.NDArray[np.bool_]]], tolerance: float) -> TimedPath:
+    """The motion along curves at whose ends the tool stops, each with the largest speed (m/s) of its pieces.
+
+    It is infinite where none is stated, and the speed that is wanted where the third value is True. A share of it that
+    ``tolerance`` does not permit ends a ramp.
 
     Raises
     ------
@@ -39,11 +55,12 @@ def timed_along(arm: Arm, curves: list[tuple[CubicPath, Array]], tolerance: floa
         If no timing within the limits was found.
     """
     parts: list[Trajectory] = []
-    bounds: list[tuple[float, float, float, float]] = []
-    shares: list[float] = []
-    for path, speed in curves:
+    bounds: list[ToolSpeed] = []
+    ratios: list[float] = []
+    for path, speed, kept in curves:
         # The parts between changes of the speed, which the tool passes with less than the lower one
-        ends = [0, *(1 + np.flatnonzero(speed[1:] != speed[:-1])).tolist(), len(speed)]
+        changes = (speed[1:] != speed[:-1]) | (kept[1:] != kept[:-1])
+        ends = [0, *(1 + np.flatnonzero(changes)).tolist(), len(speed)]
         wanted = speed[ends[:-1]].tolist()
         subs = [
             CubicPath(path.q[a : b + 1], path.tangents[a : b + 1], path.knots[a : b + 1], path.joint_names)
@@ -70,24 +87,33 @@ def timed_along(arm: Arm, curves: list[tuple[CubicPath, Array]], tolerance: floa
                 if share == PASSING[-1]:
                     raise
         parts += timed
-        bounds += [tool_speed(arm, motion, limit, tolerance) for motion, limit in zip(timed, wanted, strict=True)]
-        shares += wanted
-    ratios = [low / limit for (low, *_), limit in zip(bounds, shares, strict=True) if np.isfinite(limit)]
-    low, high = min(each[0] for each in bounds), max(each[1] for each in bounds)
-    ramps = bounds[0][2], bounds[-1][3]
-    return TimedPath(Trajectory.join(*parts), (low, high), min(ratios, default=1.0), ramps)
+        for motion, limit, wanted_there in zip(timed, wanted, kept[ends[:-1]].tolist(), strict=True):
+            bounds.append(tool_speed(arm, motion, limit if wanted_there else np.inf, tolerance))
+            if np.isfinite(limit) and wanted_there:
+                ratios.append(bounds[-1].low / limit)
+    # The ramps between the parts, as intervals of the whole motion
+    begins = np.concatenate([[0.0], np.cumsum([part.duration for part in parts])]).tolist()
+    between = (
+        (begin + before.times[1], end + after.times[0])
+        for (begin, end), (before, after) in zip(pairwise(begins[:-1]), pairwise(bounds), strict=True)
+    )
+    return TimedPath(
+        Trajectory.join(*parts), (min(each.low for each in bounds), max(each.high for each in bounds)),
+        min(ratios, default=1.0), (bounds[0].ramps[0], bounds[-1].ramps[1]),
+        tuple((begin, end) for begin, end in between if end > begin),
+    )  # fmt: skip
 
 
-def tool_speed(arm: Arm, motion: Trajectory, wanted: float, tolerance: float) -> tuple[float, float, float, float]:
-    """Bounds (m/s) of the speed of the tool between its ramps, and the length (m) of the ramps at both ends.
+def tool_speed(arm: Arm, motion: Trajectory, wanted: float, tolerance: float) -> ToolSpeed:
+    """Bounds of the speed of the tool between its ramps.
 
     A ramp ends at the first instant, and begins at the last, at which the speed is above ``1 - tolerance`` of the
-    wanted one. If that is never reached, the lower bound is the highest speed that was seen. Without a wanted speed,
+    wanted one. If that is never reached, the two ramps meet where the tool is the fastest. Without a wanted speed,
     there is no ramp. Between samples, the speed is lower by at most the largest acceleration times half of their
     distance in time.
     """
     if motion.duration == 0.0:
-        return (wanted if np.isfinite(wanted) else 0.0), 0.0, 0.0, 0.0
+        return ToolSpeed(wanted if np.isfinite(wanted) else 0.0, 0.0, (0.0, 0.0), (0.0, 0.0))
     peaks = ToolLimits(arm, linear_speed=1.0).peaks(motion)
     top, acceleration = peaks["linear_speed"], peaks["linear_acceleration"]
     finest = 0.01 * (wanted if np.isfinite(wanted) else max(top, 1e-9))
@@ -95,12 +121,11 @@ def tool_speed(arm: Arm, motion: Trajectory, wanted: float, tolerance: float) ->
     times = np.linspace(0.0, motion.duration, count + 1)
     jacobians = arm.jacobian_batch(motion(times))[:, :3]
     speed = np.linalg.norm((jacobians @ motion.velocity(times)[:, :, None])[:, :, 0], axis=1)
-    lower = speed - 0.5 * acceleration * motion.duration / count
+    lower = np.maximum(speed - 0.5 * acceleration * motion.duration / count, 0.0)
     if not np.isfinite(wanted):
-        return max(0.0, float(lower.min())), top, 0.0, 0.0
+        return ToolSpeed(float(lower.min()), top, (0.0, 0.0), (0.0, motion.duration))
     reached = np.flatnonzero(lower >= (1.0 - tolerance) * wanted)
-    if not len(reached):
-        return float(lower.max(initial=0.0)), top, 0.0, 0.0
+    first, last = (int(reached[0]), int(reached[-1])) if len(reached) else (int(lower.argmax()),) * 2
     width = motion.duration / count
-    ramps = float(speed[: reached[0]].sum() * width), float(speed[reached[-1] + 1 :].sum() * width)
-    return float(lower[reached[0] : reached[-1] + 1].min()), top, *ramps
+    ramps = float(speed[:first].sum() * width), float(speed[last + 1 :].sum() * width)
+    return ToolSpeed(float(lower[first : last + 1].min()), top, ramps, (float(times[first]), float(times[last])))

@@ -137,6 +137,8 @@ EVERYTHING: dict[str, Any] = {
         "margins": [{"between": ["picker", "table"], "margin": 0}],
         "optimise": 20,
         "straight": 0.75,
+        "program": {"tool": "picker", "flange": "flange", "frame": "tray", "output": "1", "input": "2", "timeout": 0.5,
+                    "error": "recover", "main": True, "external_axes": ["rail"]},
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},

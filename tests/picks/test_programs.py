@@ -14,7 +14,19 @@ import pytest
 import pinproof as pp
 from pinproof.collision.certificates.certificate import curve_hash
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import Blend, JointMove, LinearMove, MotionProgram, RobotProgram, SetOutput, StreamedPoint, Wait
+from pinproof.motion import (
+    Blend,
+    CheckInput,
+    JointMove,
+    LinearMove,
+    MotionProgram,
+    Remark,
+    RobotProgram,
+    SetLoad,
+    SetOutput,
+    StreamedPoint,
+    Wait,
+)
 from pinproof.picks import REPORT_SUFFIXES, PickReport, certify_picks_program, export_picks, write_motion_pages
 
 from .conftest import cell_of
@@ -160,7 +172,12 @@ def made(report, request):
 
 @pytest.fixture(scope="module")
 def text(report) -> RobotProgram:
-    return exported(report, "urscript").program
+    return without_remarks(exported(report, "urscript").program)
+
+
+def without_remarks(program: RobotProgram) -> RobotProgram:
+    """The same moves, outputs and waiting times, in which the point before a move is the step before it."""
+    return replace(program, steps=tuple(step for step in program.steps if not isinstance(step, Remark)))
 
 
 @pytest.fixture(scope="module")
@@ -326,8 +343,66 @@ def test_a_blend_that_leads_into_an_obstacle_is_not_free(text, certified) -> Non
 
 
 def test_a_move_that_is_too_fast_is_not_free(made, certified) -> None:
-    text = made.program
+    text = without_remarks(made.program)
     at = next(k for k, step in enumerate(text.steps) if isinstance(step, JointMove)) + 1
     if text.dialect != "krl":  # which states no durations
         proofs = certified(text, *text.steps[:at], replace(text.steps[at], duration=1e-3), *text.steps[at + 1 :])
         assert {proof.status for proof in proofs} == {VIOLATED}
+
+
+# -- what programs state beside their moves ----------------------------------------------------------------------------
+
+
+def with_settings(report: PickReport, **stated) -> pp.picks.PickSetup:
+    """The set-up with settings of programs."""
+    settings = replace(report.setup.shared.program, **stated)
+    payload = pp.Payload(1.5, (0.0, 0.0, 0.05))
+    shared = replace(report.setup.shared, program=settings, payload=(payload,))
+    return replace(report.setup, shared=shared)
+
+
+@pytest.mark.parametrize("dialect", OUTPUTS)
+def test_a_program_states_tool_load_sensor_and_remarks(report, verdict, dialect) -> None:
+    (program,) = report.programs(grip_dwell=0.5)
+    pick = replace(verdict.pick, payload=pp.Payload(0.4))
+    setup = with_settings(report, tool="gripper", input=INPUTS[dialect], timeout=2.0, error="recover")
+    made = export_picks(setup, [(pick, program)], dialect, output=OUTPUTS[dialect], name="over 1")
+    assert made.free
+    read = made.program
+    assert (read.name, read.tool.name, read.tool.mass) == ("over_1", "gripper", pytest.approx(1.5, abs=1e-3))
+    arm = report.setup.checker.arm
+    assert np.allclose(read.tool.tcp.homogeneous, np.eye(4), atol=1e-6)  # the tcp of this arm is its flange
+    kinds = [type(step) for step in read.steps if not isinstance(step, JointMove | LinearMove | Remark)]
+    assert kinds == [SetOutput, Wait, CheckInput, SetLoad, SetOutput, SetLoad]
+    check = next(step for step in read.steps if isinstance(step, CheckInput))
+    assert (check.input, check.on, check.seconds, check.error) == (INPUTS[dialect], True, 2.0, "recover")
+    on, off = (step.payload for step in read.steps if isinstance(step, SetLoad))
+    assert off is None
+    assert on.mass == pytest.approx(0.4, abs=2e-3)
+    # The centre of mass of the part at the grasp is at its frame in the scene
+    q = verdict.q_grasp
+    there = arm.root_from_base * arm.forward_kinematics(q) * np.array(on.center_of_mass)
+    part = report.setup.checker.scene[verdict.pick.object_name].pose.translation
+    assert np.linalg.norm(there - part) < 0.01
+    words = [step.words for step in read.steps if isinstance(step, Remark)]
+    assert len(words) == len(verdict.motions)
+    assert words[0].startswith("pick over_the_wall")
+
+
+INPUTS = {"urscript": "3", "rapid": "di_part", "krl": "3", "fanuc": "3"}
+
+
+def test_a_language_is_refused_before_anything_is_planned() -> None:
+    picks = pp.Picks(picks=())
+    panda = pp.load_robot("panda").arm()
+    for language, arm, settings, named in (
+        ("ros2", pp.load_robot("ur5").arm(), {}, "digital outputs"),
+        ("rapid", panda, {}, "panda_joint1"),
+        ("urscript", panda, {"external_axes": ("panda_joint1",)}, "external axes"),
+        ("urscript", pp.load_robot("ur5").arm(), {"main": True}, "one program"),
+    ):
+        stated = replace(picks, program=replace(picks.program, **settings))
+        with pytest.raises(InputError, match=named):
+            pp.picks.check_export(arm, stated, language)
+    stated = replace(picks, program=replace(picks.program, external_axes=("panda_joint1",)))
+    assert pp.picks.check_export(panda, stated, "rapid") == {"panda_joint1": "deg"}

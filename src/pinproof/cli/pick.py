@@ -120,7 +120,8 @@ class OutputOptions:
         metavar="LANGUAGE",
     )
     gripper_output: str | None = option(
-        "For --export: the digital output that closes the gripper. Default: 1; 0 for urscript, do_gripper for rapid.",
+        "For --export: the digital output that closes the gripper. Default: that of the picks file, or else 1; 0 for "
+        "urscript, do_gripper for rapid.",
         None,
         metavar="OUTPUT",
     )
@@ -138,8 +139,6 @@ class OutputOptions:
 
     def check(self) -> bool:
         """Refuse an output that cannot be written, before the picks are checked; return whether it is a folder."""
-        if self.export is not None and not pp.motion.find_dialect(self.export).outputs:
-            raise InputError(f"--export {self.export}: picks need digital outputs; use urscript, rapid, krl or fanuc")
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
         if self.export_deviation is not None and self.export is None:
@@ -287,9 +286,8 @@ def pick(
     # Every pick is judged in all stages, unless the language has no programs of the arm.
     is_folder = out.check()
     if out.export is not None:
-        arm, _, _ = cell.open(file)
-        if reason := pp.motion.find_dialect(out.export).refuses(arm, pp.motion.external_joints(arm)):
-            raise InputError(reason)
+        arm, _, source = cell.open(file)
+        pp.picks.check_export(arm, source.load(), out.export)
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:

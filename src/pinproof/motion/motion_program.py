@@ -21,6 +21,7 @@ from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_number
 from pinproof.errors import InputError, TrajectoryError
+from pinproof.motion.curve import MEET_TOLERANCE
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import (
     CLOCK,
@@ -181,6 +182,11 @@ class MotionProgram(Shown):
         """The names of the certified motions whose curve differs from the certified one."""
         found = self.motions.items()
         return tuple(self.certificates[key].name for key, m in found if m.digest() != self.certificates[key].curve)
+
+    def leads_to(self, following: MotionProgram) -> bool:
+        """Whether another program starts where this one ends."""
+        gap = self.segments[-1].trajectory.end - following.segments[0].trajectory.start
+        return bool(np.abs(gap).max() <= MEET_TOLERANCE)
 
     def __call__(self, t: float) -> Array:
         """The configuration (n,) at time ``t`` in [0, duration]; InputError outside."""

@@ -21,6 +21,7 @@ from pinproof.picks.grasps.proposals import ProposedGrasp, ProposedGrasps, propo
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
 from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
+from pinproof.picks.input.program import ProgramSettings
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
 from pinproof.picks.input.tools import Hand, HandValues, Tool
@@ -59,6 +60,7 @@ from pinproof.picks.judging.verdict import (
     Suggestion,
 )
 from pinproof.picks.report.profile import BodyTime, PickProfile, StageTime, profile_picks
+from pinproof.picks.report.program_details import check_export
 from pinproof.picks.report.program_export import (
     ExportedProgram,
     PicksProgram,
@@ -72,19 +74,18 @@ from pinproof.picks.report.report import FIGURES, REPORT_SUFFIXES, PickReport, w
 __all__ = [
     "DOWN", "FIGURES", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
     "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact", "GraspCandidate",
-    "GraspSpin",
-    "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues", "HandsResult", "Intercept",
-    "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType", "Pick",
-    "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem", "PickProfile",
-    "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict", "PickWeights",
-    "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProposedGrasp", "ProposedGrasps",
-    "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion", "ScreenResult", "ScreenStatus",
-    "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup", "Suggestion", "Tool", "ToolSpeed",
-    "TurnSuggestion", "along", "approach_directions", "attainable_orientations", "certify_picks_program",
-    "check_held_joints", "check_windings", "checker_of_picks", "code_of", "export_picks", "gripper_links", "judge",
-    "judge_hands", "motion_parts", "open_picks", "peaks_of", "pick_from_belt", "profile_picks", "propose_grasps",
-    "prove_part", "rate_limits", "reach", "reach_map", "read_picks", "recertify_program", "release_lines",
-    "root_from_frame", "screen", "screen_picks", "shifted", "shortened", "span", "spec_of_picks", "support_names",
-    "time_part", "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand",
-    "write_motion_pages",
+    "GraspSpin", "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues",
+    "HandsResult", "Intercept", "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType",
+    "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem",
+    "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict",
+    "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProgramSettings",
+    "ProposedGrasp", "ProposedGrasps", "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion",
+    "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup",
+    "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along", "approach_directions", "attainable_orientations",
+    "certify_picks_program", "check_export", "check_held_joints", "check_windings", "checker_of_picks", "code_of",
+    "export_picks", "gripper_links", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of",
+    "pick_from_belt", "profile_picks", "propose_grasps", "prove_part", "rate_limits", "reach", "reach_map",
+    "read_picks", "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted",
+    "shortened", "span", "spec_of_picks", "support_names", "time_part", "tool_orientations",
+    "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "write_motion_pages",
 ]  # fmt: skip

@@ -21,6 +21,7 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, assemble
 from pinproof.picks.input.parts import PART_TYPE, PartType, grasps_of
 from pinproof.picks.input.pick import ANGLE_TEXT, Pick, angle_in
+from pinproof.picks.input.program import ProgramSettings
 from pinproof.picks.input.settings import Conveyor, GripLimits, PickBudget
 from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, Hand, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
@@ -127,7 +128,7 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     first=(
         "robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp", "held", "scene", "margin",
         "margins", "home", "windings", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools",
-        "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "robots", "frames",
+        "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "program", "robots", "frames",
     ),
 )  # fmt: skip
 class Picks(RobotAndHand, Shown):
@@ -202,6 +203,9 @@ class Picks(RobotAndHand, Shown):
         "rad",
         default_factory=dict,
         kind=st.mapping_to(WINDING, "joint names to angles"),
+    )
+    program: ProgramSettings = st.key(
+        "what programs of a robot controller state beside the moves", default=ProgramSettings(), shown=None
     )
     checks: st.Accepting[tuple[Callable[..., str | None], ...], Iterable[Callable[..., str | None]]] = st.key(
         "checks of configurations at the grasp, each a :class:`~pinproof.picks.PickCheck`",

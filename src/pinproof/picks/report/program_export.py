@@ -39,8 +39,8 @@ from pinproof.common.structs import key, struct
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import (
-    MEET_TOLERANCE,
     Blend,
+    CheckInput,
     ControllerMotion,
     ControllerMove,
     JointMap,
@@ -52,14 +52,15 @@ from pinproof.motion import (
     ProgramEvent,
     ProgramPick,
     ProgramSegment,
+    Remark,
     RobotProgram,
+    SetLoad,
     SetOutput,
     Step,
     ToolLimits,
     Wait,
     certificate_id,
     controller_motion,
-    external_joints,
     fewest_moves,
     find_dialect,
     is_program_file,
@@ -72,6 +73,7 @@ from pinproof.picks.input.picks import MOUNTED
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.task import rate_limits
 from pinproof.picks.judging.timing import ExecutedMotion, MotionPart, part_again, prove_part
+from pinproof.picks.report.program_details import check_export, controller_tool, part_load, user_frame
 from pinproof.spatial import SE3, Array
 
 
@@ -153,13 +155,10 @@ def export_picks(
     """
     if not picks:
         raise InputError("there is no pick with a motion to export")
-    external = external_joints(setup.checker.arm)
-    if reason := find_dialect(dialect).refuses(setup.checker.arm, external):
-        raise InputError(reason)
+    stated, external = setup.shared.program, check_export(setup.checker.arm, setup.shared, dialect)
     # The programs follow each other
     for (_, before), (pick, after) in pairwise(picks):
-        gap = np.abs(before.segments[-1].trajectory.end - after.segments[0].trajectory.start).max()
-        if gap > MEET_TOLERANCE:
+        if not before.leads_to(after):
             raise InputError(
                 f"the program of pick {pick.name!r} does not start where the one before it ends (pick "
                 f"{before.name!r}); export them one by one, or plan the motions between them"
@@ -170,21 +169,30 @@ def export_picks(
             f"the picks use the tools {', '.join(sorted(map(str, tools)))}, but a program does not change the tool; "
             "export the picks of each tool"
         )
+    tool = controller_tool(setup.checker.arm, setup.shared.for_pick(setup.shared.grasps_of(picks[0][0])[0]))
     deviation = find_dialect(dialect).deviation if deviation is None else deviation
-    # The moves of each pick, with the outputs and waiting times between them
+    # The moves of each pick, with what happens at rest between them
     steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
     executed = list[ProgramPick]()
     for pick, program in picks:
-        made = PickMoves(setup, pick, program, deviation, zones_of(dialect))
+        made, load = (
+            PickMoves(setup, pick, program, deviation, zones_of(dialect)),
+            part_load(setup, tool, pick, program),
+        )
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
-            steps += moves
+            steps += [Remark(f"pick {pick.name}: {segment.name}"), *moves]
             counts.append((segment.name, len(moves)))
             for event in program.events:
                 if math.isclose(event.time, segment.end, abs_tol=1e-9):
-                    steps.append(SetOutput(output, event.kind == "grip"))
+                    grips = event.kind == "grip"
+                    steps.append(SetOutput(output, grips))
+                    # The hand moves during the waiting time; then it holds the part, or does not
                     steps += [Wait(event.dwell)] if event.dwell > 0 else []
+                    if grips and stated.input is not None:
+                        steps.append(CheckInput(stated.input, True, stated.timeout, error=stated.error or ""))
+                    steps += [] if load is None else [SetLoad(load if grips else None)]
         executed.append(ProgramPick(pick.name, program.member, tuple(counts)))
     write = partial(
         make_program,
@@ -194,6 +202,8 @@ def export_picks(
         deviation=deviation,
         joint_map=joint_map,
         picks=executed,
+        tool=tool,
+        frame=user_frame(setup),
         external_joints=external,
     )
     # What the text states is certified; a proven program states the hash of its proofs
@@ -563,7 +573,9 @@ def certify_picks_program(
     too_fast = "; ".join(speed_violations(program, arm, traces))
     fault = too_fast or "; ".join([*untraced, *overlapping, *filter(None, [tool_fault(program, arm)])])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
-    steps, certificates, notes = list(program.steps), [], list[str]()
+    # Remarks, loads and checks of a sensor, after which the program goes on or ends, move nothing
+    steps = [step for step in program.steps if not isinstance(step, Remark | SetLoad | CheckInput)]
+    certificates, notes = [], list[str]()
     start = steps.pop(0)
     for planned in program.picks:
         if planned.name not in by_name:

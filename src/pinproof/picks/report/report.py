@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
-from pinproof.common.files import csv_text, file_stems
+from pinproof.common.files import csv_text, file_stems, write_text_whole
 from pinproof.common.results import Rows, Saved, View, Written, markdown
 from pinproof.common.structs import key, reported, struct
 from pinproof.common.validation import optional_module
@@ -322,11 +323,14 @@ class PickReport(Saved, Written):
         """
         dialect, written, notes = find_dialect(language), list[ExportedProgram](), list[str]()
         programs = self.programs(grip_dwell=grip_dwell, release_dwell=release_dwell)
-        stems = file_stems(program.name for program in programs)
+        stems = list[str]()  # controllers find a program in the file of its name
+        for program in programs:
+            stems.append(dialect.identifier(program.name, stems))
         for verdict, program, stem in zip(self.good, programs, stems, strict=True):
             if self.setup is None:
                 raise InputError("the report has no set-up in which a program could be certified")
-            picks, gripper = [(verdict.pick, program)], output or dialect.outputs
+            own = self.setup.shared.program.output
+            picks, gripper = [(verdict.pick, program)], output or own or dialect.outputs
             try:
                 made = export_picks(self.setup, picks, language, output=gripper, name=stem, deviation=deviation)
             except NoMoves as error:
@@ -346,6 +350,15 @@ class PickReport(Saved, Written):
                     f"the {language} program of {stem} is not written: {failed.message}; a smaller assumed deviation "
                     "of the controller may help (deviation, --export-deviation)"
                 )
+        if self.setup is not None and self.setup.shared.program.main and written:
+            kept = [(p, s) for p, s in zip(programs, stems, strict=True) if p.name in {own.pick for own in written}]
+            gaps = [after.name for (before, _), (after, _) in pairwise(kept) if not before.leads_to(after)]
+            notes += [
+                f"no main is written: the program of {name} starts elsewhere than the one before it ends"
+                for name in gaps
+            ]
+            if not gaps:
+                write_text_whole(Path(folder) / f"main{dialect.endings[0]}", dialect.main([stem for _, stem in kept]))
         shown = {own.pick: str(own) for own in written}
         report = self.with_columns({language: lambda verdict: shown.get(verdict.pick.name)})
         return replace(report, exported=(*self.exported, *written)), notes

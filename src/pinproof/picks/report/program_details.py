@@ -1,0 +1,89 @@
+"""What a program of picks states beside its moves: tool, load, sensor, frame, external axes and remarks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm, Payload
+from pinproof.motion import MotionProgram, ToolData, UserFrame, external_joints, find_dialect
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.picks import Picks, root_from_frame
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.spatial import SE3
+
+# Names of links that are flanges by convention.
+FLANGES = ("tool0", "flange")
+
+
+def check_export(arm: Arm, picks: Picks, language: str) -> dict[str, str]:
+    """Return the external joints of programs of picks, each with its unit, before anything is planned.
+
+    Raises
+    ------
+    InputError
+        If the language has no outputs, or cannot express the joints of the arm.
+    UnknownNameError
+        If the language, the flange, the frame, or a joint of ``external_axes`` does not exist.
+    """
+    dialect = find_dialect(language)
+    if not dialect.outputs:
+        raise InputError(f"{language}: picks need digital outputs; use urscript, rapid, krl or fanuc")
+    if picks.program.main:
+        dialect.main(())
+    flange_of(arm, picks)
+    if picks.program.frame is not None and picks.program.frame not in picks.frames:
+        raise UnknownNameError("frame", picks.program.frame, picks.frames)
+    external = external_joints(arm, picks.program.external_axes)
+    if reason := dialect.refuses(arm, external):
+        raise InputError(reason)
+    return external
+
+
+def flange_of(arm: Arm, picks: Picks) -> str:
+    """The link in whose frame the tool of the controller is stated; see :class:`ProgramSettings`."""
+    model, joint = arm.model, arm.model.frames[arm.tcp_id].parentJoint
+    links = {frame.name: frame.parentJoint for frame in model.frames if str(frame.type) == "BODY"}
+    stated = picks.program.flange
+    if stated is not None:
+        if stated not in links:
+            raise UnknownNameError("link", stated, links)
+        if links[stated] != joint:
+            raise InputError(f"program.flange: the last joint does not move the link {stated!r}")
+        return stated
+    own = [name for name, parent in links.items() if parent == joint]
+    return next((name for name in FLANGES if name in own), own[0])
+
+
+def controller_tool(arm: Arm, picks: Picks) -> ToolData:
+    """The tool of the hand of picks: the tcp of the arm and the stated masses, in the frame of the flange."""
+    flange, q = flange_of(arm, picks), arm.home
+
+    def from_flange(link: str) -> SE3:
+        return arm.frame_placement(q, flange).inverse() * arm.frame_placement(q, link)
+
+    placed = [each.placed(from_flange(each.frame or arm.tcp)) for each in picks.payload]
+    mass = sum(each.mass for each in placed)
+    moment = sum((each.mass * np.array(each.center_of_mass) for each in placed), np.zeros(3))
+    return ToolData(picks.program.tool, from_flange(arm.tcp), mass, moment / (mass or 1.0))
+
+
+def user_frame(setup: PickSetup) -> UserFrame | None:
+    """The stated frame of programs of picks, in the base of the arm."""
+    name, arm = setup.shared.program.frame, setup.checker.arm
+    if name is None:
+        return None
+    pose = root_from_frame(name, setup.shared.frames, setup.checker.scene, arm)
+    return UserFrame(name, arm.root_from_base.inverse() * pose)
+
+
+def part_load(setup: PickSetup, tool: ToolData, pick: Pick, program: MotionProgram) -> Payload | None:
+    """The part of a pick in the axes of the flange, as it is held; None if its mass or that of the tool is not stated.
+
+    Most languages state the mass of both together, so without that of the tool the controller keeps its own.
+    """
+    task, member = setup.made_by(pick, program.member)
+    part = task.pick.payload
+    if part is None or not tool.mass:
+        return None
+    return Payload(part.mass, part.placed(tool.tcp * task.holding(member).pose).center_of_mass)

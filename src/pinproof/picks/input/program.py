@@ -11,7 +11,7 @@ ERROR_OF_INPUT = st.Rule(
 )
 
 
-@st.struct("program", eq=False, rules=[ERROR_OF_INPUT])
+@st.struct("program_settings", eq=False, rules=[ERROR_OF_INPUT])
 class ProgramSettings:
     """What programs of a robot controller state beside the moves."""
 

@@ -7,8 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 
 import pinproof as pp
+from pinproof.collision import trace_line
 from pinproof.motion import ControllerMove, controller_motion, fastest, fewest_moves, without_slow_zones
 
 STEP = 1e-4
@@ -89,6 +91,32 @@ def test_a_linear_move_keeps_the_limits_of_the_joints_on_the_whole_line(arm) -> 
     assert np.abs(tcp[:, :2] - tcp[0, :2]).max() < 1e-6
     optimal = pp.time_parametrise(pp.motion.CubicPath.through(path.q[::20], arm.joint_names), arm.limits)
     assert optimal.duration <= motion.duration <= 1.25 * optimal.duration
+
+
+def test_a_linear_move_in_a_zone_keeps_the_accelerations_of_the_joints_there() -> None:
+    arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(3)
+    blended = 0
+    for _ in range(12):
+        q = np.array([0.0, -1.2, 1.4, -1.7, -1.57, 0.0]) + 0.4 * rng.normal(size=(3, 6))
+        shift = pp.pose(0.05 * rng.normal(size=3), 0.05 * rng.normal(size=3))
+        line = trace_line(arm, q[1], arm.forward_kinematics(q[1]) * shift)
+        if line.reason:
+            continue
+        ends = ([q[0], q[1]], [line.path.end, q[2]])
+        first, last = (pp.JointPath(points, arm.joint_names) for points in ends)
+        zone = tuple(rng.uniform(0.1, 0.5, 2))
+        moves = [ControllerMove(first, None, zone), ControllerMove(line.path, None, zone), ControllerMove(last)]
+        made = controller_motion(moves, arm.limits)
+        times = np.linspace(0.0, made.duration, 4001)
+        passed = np.zeros((len(times), 6))
+        for move, profile, start in zip(moves, made.profiles, made.starts, strict=True):
+            shares, _ = profile.at(times - start)
+            points, at = move.path.q, np.linspace(0.0, 1.0, len(move.path.q))
+            passed += make_interp_spline(at, points, k=min(3, len(points) - 1))(shares) - points[0]
+        bends = np.abs(np.diff(passed, 2, axis=0)) / times[1] ** 2
+        assert (bends <= arm.limits.acceleration * 1.005).all()
+        blended += 1
+    assert blended > 6
 
 
 def test_joint_moves_lead_through_few_points_with_proven_lines_only(arm) -> None:

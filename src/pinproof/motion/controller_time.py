@@ -39,6 +39,8 @@ SAMPLED = 0.995
 UNLIMITED = 1e6
 # Shares of the deceleration before a blend that are compared.
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2)
+# Samples of the part of a linear move in a zone, whose joint accelerations are compared.
+IN_ZONE = 17
 # s: a move of a single point.
 SHORTEST = 1e-4
 
@@ -176,21 +178,29 @@ def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> C
     curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
 
-    def tangent(number: int, at: float) -> Array:
+    def ramp(number: int, zone: float, *, ending: bool) -> tuple[Array, Array]:
+        """The least and the largest of what each joint needs at a rate of 1, on the part of a ramp in a zone."""
         curve, q = curves[number], moves[number].path.q
-        return np.asarray(q[1] - q[0] if curve is None else curve(at, 1))
+        if curve is None:
+            return q[1] - q[0], q[1] - q[0]
+        passed = np.linspace(0.0, zone, IN_ZONE)[:, None]
+        at = 1.0 - passed[:, 0] if ending else passed[:, 0]
+        needed = curve(at, 1) + (-2.0 if ending else 2.0) * passed * curve(at, 2)
+        return needed.min(axis=0), needed.max(axis=0)
 
     # Where the sum of the accelerations of a joint exceeds its limit, one or both of the moves accelerate less
     for k, move in enumerate(moves[:-1]):
         if move.zone is None:
             continue
         one, other = profiles[k], profiles[k + 1]
-        slowing, rising = one.loss * tangent(k, 1.0), other.gain * tangent(k + 1, 0.0)
+        slowing = [one.loss * needed for needed in ramp(k, move.zone[0], ending=True)]
+        rising = [other.gain * needed for needed in ramp(k + 1, move.zone[1], ending=False)]
         best = np.inf
         for share in SHARES:
             # |rising m - slowing share| <= acceleration for the largest m in [0, 1]
-            room = np.where(rising > 0.0, acceleration + share * slowing, acceleration - share * slowing)
-            most = min(1.0, float((room / np.maximum(np.abs(rising), 1e-12)).min()))
+            above = (acceleration + share * slowing[0]) / np.maximum(rising[1], 1e-12)
+            below = (acceleration - share * slowing[1]) / np.maximum(-rising[0], 1e-12)
+            most = min(1.0, float(above.min()), float(below.min()))
             if most < SHARES[-1]:
                 continue
             pair = replace(one, loss=share * one.loss), replace(other, gain=most * other.gain)

@@ -7,6 +7,7 @@ much faster.
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -141,6 +142,13 @@ class OutputOptions:
         """Refuse an output that cannot be written, before the picks are checked; return whether it is a folder."""
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
+        if self.gripper_output is not None and self.export is not None:
+            language = pp.motion.find_dialect(self.export)
+            if not re.fullmatch(language.signals, self.gripper_output):
+                raise InputError(
+                    f"--gripper-output {self.gripper_output}: {self.export} has digital outputs with "
+                    f"{language.signal_kind}"
+                )
         if self.export_deviation is not None and self.export is None:
             raise InputError("--export-deviation needs --export")
         return self.output is not None and check_report_output(self.output, pp.picks.REPORT_SUFFIXES)
@@ -254,7 +262,10 @@ def pick(
     path = out.output
     has_folder = path is not None and (path.is_dir() or path.suffix.lower() not in pp.picks.REPORT_SUFFIXES)
     if out.for_folder and (not has_folder or screen or campaign is not None):
-        raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
+        raise InputError(
+            "--pages, --export and its options, --grip-dwell and --release-dwell belong to -o with a folder; "
+            "add -o FOLDER"
+        )
     if optimise is not None and (program is not None or screen or campaign is not None):
         raise InputError(
             "--optimise cannot be combined with --program, --screen or --campaign; remove it, or state optimise in "

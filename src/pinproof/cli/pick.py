@@ -295,10 +295,10 @@ def pick(
         _run_campaign(file, cell, campaign, pool, seed, path, as_json=as_json)
         return
     # Every pick is judged in all stages, unless the language has no programs of the arm.
-    is_folder = out.check()
     if out.export is not None:
         arm, _, source = cell.open(file)
         pp.picks.check_export(arm, source.load(), out.export)
+    is_folder = out.check()
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:

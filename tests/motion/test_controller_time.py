@@ -24,7 +24,7 @@ def arm() -> pp.Arm:
 
 
 def simulated_share(top: float, gain: float, loss: float) -> np.ndarray:
-    """The share of a move at each step: it accelerates, and brakes when the rest of the way needs it."""
+    """The share of a move at each step: it accelerates, and brakes when the remaining distance needs it."""
     passed, rate, rows = 0.0, 0.0, [0.0]
     while passed < 1.0 - 1e-7:
         faster = min(rate + gain * STEP, top, np.sqrt(2.0 * loss * (1.0 - passed)))

@@ -1,4 +1,4 @@
-"""Motions along tool paths: audited independently, optimal, and the reasons where there is none."""
+"""Motions along tool paths: audited independently, optimal, and the reasons where no motion exists."""
 
 import numpy as np
 import pytest

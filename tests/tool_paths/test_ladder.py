@@ -1,4 +1,4 @@
-"""The best way through the rungs of a ladder graph, against all ways."""
+"""The best sequence through the rungs of a ladder graph, against all sequences."""
 
 from types import SimpleNamespace
 

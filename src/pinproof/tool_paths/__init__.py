@@ -1,4 +1,4 @@
-"""Tool paths: the best joint motion along a whole path of the tool, certified, or why there is none."""
+"""Tool paths: the best joint motion along a whole path of the tool, certified, or why no motion exists."""
 
 from pinproof.common import faces
 from pinproof.tool_paths.following import follow as follow

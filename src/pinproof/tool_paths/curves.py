@@ -115,7 +115,7 @@ class CurveMaker:
         return NoCurve(float(0.5 * (knots[worst] + knots[worst + 1])), reason)
 
     def _projected(self, route: Route, s: Array, q: Array) -> tuple[Array, tuple[float, str] | None]:
-        """The configurations closest to q (k, n) with the tool on the route at s (k,), or where there is none."""
+        """The configurations closest to q (k, n) with the tool on the route at s (k,), or where none exists."""
         if not len(s):
             return np.empty((0, self.arm.dof)), None
         solver = Clik(position_tolerance=PROJECTED, orientation_tolerance=PROJECTED, restarts=0)

@@ -1,4 +1,4 @@
-"""The best joint motion along a whole tool path, timed and certified, or why there is none."""
+"""The best joint motion along a whole tool path, timed and certified, or why no motion exists."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         "path": path, "pieces": tuple(pieces), "blocked": tuple(blocked), "cuts": cuts, "checker": checker,
         "nodes": sum(len(rung.rates) for rung in search.rungs), "removed": search.removed, "rungs": len(search.rungs),
     }  # fmt: skip
-    # Poses that cannot be passed in any way, more lifts than permitted, or no motion
+    # Poses that no configuration can pass, more lifts than permitted, or no motion
     if search.exhausted:
         message = f"the budget of {search.budget} refinements was used up, the last for: {search.unproven}"
         return FollowPlan(FollowStatus.NOT_PROVEN, message, **figures)
@@ -287,7 +287,7 @@ def _piece(search: Search, piece: FollowedPiece, timed: TimedPath | None) -> Pat
 
 
 def _line(checker: CollisionChecker, q: Array, length: float, *, away: bool) -> Trajectory | None:
-    """A straight motion along the tool axis away from q (n,), or towards it; None if there is none."""
+    """A straight motion along the tool axis away from q (n,), or towards it; None if no such motion exists."""
     if length <= 0.0:
         return None
     arm = checker.arm

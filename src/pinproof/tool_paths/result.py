@@ -105,7 +105,7 @@ class PathPiece:
 
 @described(eq=False)
 class FollowPlan(Answer):
-    """A certified motion along a tool path, or why there is none; result of :func:`pinproof.follow`."""
+    """A certified motion along a tool path, or why no motion exists; result of :func:`pinproof.follow`."""
 
     failure = PlanFailed
     not_pickled = ("checker",)
@@ -145,12 +145,12 @@ class FollowPlan(Answer):
 
     @property
     def deviation(self) -> float:
-        """M: bound of the distance of the tool from the path at every instant; NaN without a motion."""
+        """Bound (m) of the distance of the tool from the path at every instant; NaN without a motion."""
         return max((piece.deviation for piece in self.pieces), default=math.nan)
 
     @property
     def rotation_deviation(self) -> float:
-        """Rad: bound of the angle of the tool to the path at every instant; NaN without a motion."""
+        """Bound (rad) of the angle of the tool to the path at every instant; NaN without a motion."""
         return max((piece.rotation_deviation for piece in self.pieces), default=math.nan)
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The rungs of a ladder graph: all configurations of an arm at the poses of a tool path, and the best way through them.
+"""The rungs of a ladder graph: all configurations of an arm at the poses of a tool path, and the best sequence of them.
 
 A rung is a pose of the route on which the tool moves. Its nodes are the IK solutions of that pose for each rotation of
 the tool about its axis, each tilt, and each value of a redundant joint, within the limits and free of contact. The core

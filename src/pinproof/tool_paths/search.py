@@ -1,4 +1,4 @@
-"""The search for a tool path: rungs, the best way through them, and the curves along it, refined where there is none.
+"""The search for a tool path: rungs, the best sequence of configurations, and curves, refined where none is proven.
 
 1. Rungs: all IK branches of each pose, with each rotation of the tool, tilt and redundant value of a grid
    (:mod:`pinproof.tool_paths.rungs`). The best sequence of nodes is optimal over the grid; finer values follow.
@@ -279,7 +279,7 @@ class Search:
         """Whether nodes or a rung were added where the farthest rung is not the last one."""
         end = self.rungs[last]
         if self.settings.steps > 0.0 and not self.extended:
-            # The branch on which the path goes on may have ended before, and between the values of the grid: all rungs
+            # The branch that continues the path may have ended before, and between the values of the grid: all rungs
             # get the solutions that follow from those of the first rung, and from random ones there
             self.extended.append(self.rungs[0])
             many = Clik(restarts=SAMPLED).solve_many(

@@ -55,7 +55,7 @@ class LinearMove:
     speed: float | None = key("m/s of the tcp; None if the text states none", default=None)
     blend: Blend | None = key("None for a stop at the end", default=None)
     external: Array | None = key(
-        "rad or m, the values of the external joints at the end, if the text states the pose; None if there are none",
+        "rad or m, the values of the external joints at the end, if the text states the pose; None without them",
         default=None,
     )
 
@@ -111,7 +111,7 @@ class CheckInput:
 
 @dataclass(frozen=True, eq=False)
 class SetLoad:
-    """The part that the hand carries from here on; None for the hand alone.
+    """The part that the hand carries after this step; None for the hand alone.
 
     Mass and centre of mass of the payload are stated in the axes of the flange. Programs state no inertia.
     """
@@ -357,7 +357,7 @@ class Dialect:
     required: tuple[int, ...] = ()  # the slots of declarations that every program has
     indent = "  "
     prefix = ""  # a regular expression of the text before the instruction of a line, such as its number
-    call = ""  # the line that calls a program of another file; empty if there is none
+    call = ""  # the line that calls a program of another file; empty if the language has no such line
     begin: tuple[str, ...] = ()  # lines for each called program before the first call
     hint = ""  # what to use for the steps that the language does not have, for messages
 
@@ -373,7 +373,7 @@ class Dialect:
         """The steps with the declarations before them, and with the lines that the language needs between them."""
         return [*(each for each in (heading.tool, heading.frame) if each is not None), *steps]
 
-    def settled(self, source: str, items: Sequence[Any]) -> list[Step]:  # noqa: ARG002
+    def completed(self, source: str, items: Sequence[Any]) -> list[Step]:  # noqa: ARG002
         """The steps of a text without the settings, which apply to the steps after them."""
         return list(items)
 
@@ -464,7 +464,7 @@ class Dialect:
         if missing := [form.text.split("\n")[0] for form in needed if form.slot not in slots]:
             line = rows[0][0] if rows else 1
             raise TrajectoryError(source, f"{missing[0]!r} must be before the first step", f"line {line}")
-        return self.settled(source, items)
+        return self.completed(source, items)
 
     def instructions(self, source: str, body: Body, heading: Heading) -> Body:
         """The lines between those that open and close the program: what the controller executes, from top to bottom."""

@@ -86,8 +86,8 @@ class Krl(Dialect):
                 items.append(step)
         return items
 
-    def settled(self, source: str, items: Sequence[Any]) -> list[Step]:
-        """See :meth:`Dialect.settled`."""
+    def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
+        """See :meth:`Dialect.completed`."""
         steps, values = list[Step](), {"share": Blend().share, "percent": 0.0, "speed": 0.0}
         for item, after in zip(items, _followers(items), strict=True):
             where = f"line {item.line}"

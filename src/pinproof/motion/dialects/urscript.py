@@ -73,8 +73,8 @@ class UrScript(Dialect):
                 items.append("  stopj(10)")
         return items
 
-    def settled(self, source: str, items: Sequence[Any]) -> list[Step]:
-        """See :meth:`Dialect.settled`."""
+    def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
+        """See :meth:`Dialect.completed`."""
         moving: Any = None
         for item in items:
             # After a move with a blend the arm would stop before the point, and the next move begin there.

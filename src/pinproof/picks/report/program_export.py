@@ -342,7 +342,7 @@ class PickMoves:
     ) -> _Moves | None:
         """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven.
 
-        Joint moves leave ``spare`` (rad) for zones; without it, there are none.
+        Joint moves leave ``spare`` (rad) for zones; without it, the moves have no zones.
         """
         lines = [None if line is None else line.cut(share or 1.0) for line, share in (leaving, entering)]
         stages, paths = list[str](), list[JointPath]()
@@ -573,7 +573,7 @@ def certify_picks_program(
     too_fast = "; ".join(speed_violations(program, arm, traces))
     fault = too_fast or "; ".join([*untraced, *overlapping, *filter(None, [tool_fault(program, arm)])])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
-    # Remarks, loads and checks of a sensor, after which the program goes on or ends, move nothing
+    # Remarks, loads and checks of a sensor, after which the program continues or ends, move nothing
     steps = [step for step in program.steps if not isinstance(step, Remark | SetLoad | CheckInput)]
     certificates, notes = [], list[str]()
     start = steps.pop(0)

@@ -58,8 +58,8 @@ def blocked_rungs(checker: CollisionChecker, rungs: list[Rung], turns: int, name
         if depth > least:
             least, shown = depth, one
     pairs = ", ".join(f"{one} and {other} ({number})" for (one, other), number in contacts.most_common(3))
-    of = f"{len(q)} of the {count}" if len(q) < count else f"all {count}"
-    message = f"{where}: {kind.value} {over}; in contact in {of} configurations checked: {pairs}"
+    of = str(len(q)) if len(q) < count else f"all {count}"
+    message = f"{where}: {kind.value} {over}; pairs of bodies, counted in {of} configurations: {pairs}"
     return BlockedPose(first.at, last.at, kind, message, proven, first.place, dict(contacts), shown)
 
 

@@ -13,7 +13,7 @@ from pinproof.planning.coordination import (
     coordinate as coordinate,
     plan_arms as plan_arms,
 )
-from pinproof.planning.follow import (
+from pinproof.planning.routes import (
     Route as Route,
     RouteFollower as RouteFollower,
     nearest_target as nearest_target,
@@ -29,6 +29,7 @@ from pinproof.planning.plan_results import (
     LinearPlanResult as LinearPlanResult,
     LinearStatus as LinearStatus,
     OutsideLimits as OutsideLimits,
+    PlannedMotion as PlannedMotion,
     PlanProgress as PlanProgress,
     PlanResult as PlanResult,
     PlanStatus as PlanStatus,

@@ -11,8 +11,8 @@ from pinproof.collision import Certificate, CertificateStatus, CollisionChecker,
 from pinproof.common.validation import require_type
 from pinproof.ik import IkTask, TaskName
 from pinproof.model import Arm
-from pinproof.planning.follow import Route, RouteFollower, line_task, nearest_target
 from pinproof.planning.plan_results import LinearPlanResult, LinearStatus
+from pinproof.planning.routes import Route, RouteFollower, line_task, nearest_target
 from pinproof.spatial import SE3, Array, rigid
 
 
@@ -35,7 +35,7 @@ def plan_linear(
     The position moves along a line while the orientation rotates about one fixed axis. Poses along the line are solved
     one after another, so that the arm stays on its IK branch. They are joined by a twice differentiable curve that
     keeps the joint limits, and whose deviation from the line is bounded, at every point
-    (:mod:`pinproof.planning.follow`).
+    (:mod:`pinproof.planning.routes`).
 
     Parameters
     ----------

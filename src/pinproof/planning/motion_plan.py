@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, Contact, PathConstraint, certify, check_constraints
-from pinproof.common.results import Answer, Solution, View
+from pinproof.collision import Certificate, CollisionChecker, Contact, PathConstraint, check_constraints
+from pinproof.common.results import Solution, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_type
-from pinproof.errors import PlanFailed, TimingError
+from pinproof.errors import TimingError
 from pinproof.model import JointLimits
 from pinproof.motion import Bounds, MotionLimits, RateConstraint, TorqueLimits, Trajectory, least_times
 from pinproof.planning.goals import Goal, GoalPose, Goals, least_invalid, prove, read_goals
 from pinproof.planning.optimisation import OptimiseResult, optimise
-from pinproof.planning.plan_results import Barrier, InvalidEnd, PlanResult, PlanStatus
+from pinproof.planning.plan_results import Barrier, InvalidEnd, PlannedMotion, PlanResult, PlanStatus
 from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
 from pinproof.planning.problem import MAX_GOALS, find_barriers, read_ends, with_turns
 from pinproof.planning.replanning import Replan, replan
@@ -28,7 +27,7 @@ from pinproof.planning.simplification import SimplifyResult, simplify
 from pinproof.spatial import Array
 
 if TYPE_CHECKING:
-    from pinproof.viewer import LiveView
+    from pinproof.viewer import PlotLimits
 
 # IK solutions whose time without obstacles is within this factor of the least are tried first.
 PROMISING = 1.3
@@ -40,10 +39,9 @@ UNREACHABLE = PlanStatus.GOAL_UNREACHABLE
 
 
 @described(eq=False)
-class MotionPlan(Answer):
+class MotionPlan(PlannedMotion):
     """A planned and certified motion, or the reason of the failure."""
 
-    failure = PlanFailed
     status: PlanStatus = key("FOUND if there is a motion that is proven FREE, else the reason")
     planned: PlanResult = key("the path of the planner, or the evidence of its failure")
     start: Array = key("(n,) the start")
@@ -77,11 +75,6 @@ class MotionPlan(Answer):
     def certificate(self) -> Certificate:
         """The certificate of the motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
         return self.optimised.certificate
-
-    @property
-    def duration(self) -> float:
-        """Seconds from start to end; without a motion, reading it raises :class:`pinproof.errors.PlanFailed`."""
-        return self.trajectory.duration
 
     @property
     def invalid(self) -> tuple[InvalidEnd, ...]:
@@ -129,49 +122,6 @@ class MotionPlan(Answer):
         report = {} if torques is None else torques.report(self.trajectory)
         return {**outcome, **figures, **report, "certificate": self.certificate.to_dict()}
 
-    def save(self, path: str | Path) -> Path:
-        """Write the motion as :meth:`Trajectory.save` does, and beside it its proof, for others to verify.
-
-        The proof of ``motion.json`` is ``motion.proof.json``: ``python -m pinproof.verifier motion.proof.json`` checks
-        it with NumPy only, and :func:`pinproof.verify_proof` compares it with the arm, the scene and the motion.
-
-        Returns
-        -------
-        Path
-            The file of the proof.
-
-        Raises
-        ------
-        PlanFailed
-            Without a motion that is proven FREE.
-        TrajectoryError, FileError
-            If a file cannot be written.
-        """
-        self.or_raise()
-        constraints = [proof.constraint for proof in self.certificate.constraints]
-        recorded = certify(self.trajectory, self.checker, constraints=constraints, record=True)
-        self.trajectory.save(path, certificate=self.certificate)
-        proof = Path(path).with_suffix(".proof.json")
-        recorded.save(proof)
-        return proof
-
-    def show(self, *, open_browser: bool = False) -> LiveView:
-        """Show the motion live in the browser; without a motion, the configuration that is the reason."""
-        from pinproof.viewer import show
-
-        arm, scene, motion, content = self._picture()
-        return show(arm, scene, motion, open_browser=open_browser, **content)
-
-    def to_html(self, path: str | Path) -> None:
-        """Write a page with the motion and its certificate; without a motion, the configuration that is the reason."""
-        from pinproof.viewer import PlotLimits, write_html
-
-        arm, scene, motion, content = self._picture()
-        bounds = Bounds.of(self.limits or arm.limits, arm.joint_names, self.jerk)
-        known = PlotLimits.of(arm) if self.limits is None else PlotLimits(self.limits)
-        plot = replace(known, jerk=bounds.jerk, rate_limits=self.rate_limits)
-        write_html(path, arm, scene, motion, plot=plot, **content)
-
     def replan(self, checker: CollisionChecker, q_now: npt.ArrayLike, t_now: float, **settings: Any) -> Replan:
         """Continue this motion from its present state in a scene that has changed, see :func:`pinproof.replan`.
 
@@ -181,12 +131,11 @@ class MotionPlan(Answer):
         own["constraints"] = [proof.constraint for proof in self.certificate.constraints]
         return replan(self.trajectory, checker, q_now, t_now, **{**own, **settings})
 
-    def _picture(self) -> tuple[Any, Any, Trajectory | None, dict[str, Any]]:
-        """What :func:`pinproof.write_html` takes: arm, scene, motion and content."""
+    def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
         checker, motion = self.checker, vars(self)["optimised"]
         shown: dict[str, Any] = {"attached": checker.attached}
         if motion is not None:
-            return checker.group, checker.scene, motion.trajectory, {**shown, "certificate": motion.certificate}
+            return motion.trajectory, {**shown, "certificate": motion.certificate}
         # The configuration that shows the reason: in contact, at a barrier, nearest to a pose, or the start
         q = self.start
         if self.invalid:
@@ -199,7 +148,15 @@ class MotionPlan(Answer):
         frames = {f"goal {index}": checker.arm.root_from_base * pose.pose for index, pose in enumerate(self.poses)}
         shown |= {"q": q, "frames": frames, "ghosts": self.goals[:GHOSTS], "title": self.status.value}
         shown |= {"check": checker.check(q)} if self.contacts else {}
-        return checker.group, checker.scene, None, shown
+        return None, shown
+
+    def _plot_limits(self) -> PlotLimits:
+        from pinproof.viewer import PlotLimits
+
+        arm = self.checker.group
+        bounds = Bounds.of(self.limits or arm.limits, arm.joint_names, self.jerk)
+        known = PlotLimits.of(arm) if self.limits is None else PlotLimits(self.limits)
+        return replace(known, jerk=bounds.jerk, rate_limits=self.rate_limits)
 
     def _view(self) -> View:
         if vars(self)["optimised"] is None:

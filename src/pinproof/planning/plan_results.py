@@ -6,15 +6,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, Contact
+from pinproof.collision import Certificate, CollisionChecker, Contact, certify
 from pinproof.common.results import Answer, Solution, View
 from pinproof.common.structs import described, key
 from pinproof.errors import PlanFailed
-from pinproof.motion import CubicPath, JointPath
+from pinproof.motion import CubicPath, JointPath, Trajectory
 from pinproof.spatial import Array
+
+if TYPE_CHECKING:
+    from pinproof.viewer import LiveView, PlotLimits
 
 
 class LinearStatus(Enum):
@@ -72,6 +77,81 @@ class PlanAnswer(Answer):
     def _view(self) -> View:
         parts = [vars(self).get(name) for name in ("path", "certificate")]
         return View(f"{self.status.name}: {self.message}", parts, title=self.message)
+
+
+class PlannedMotion(Answer):
+    """A motion with its certificate, which is saved and shown, or the reason why there is none."""
+
+    failure = PlanFailed
+
+    if TYPE_CHECKING:  # stated by the subclasses as fields or properties
+
+        @property
+        def checker(self) -> CollisionChecker:
+            """The checker of the certificate."""
+
+        @property
+        def trajectory(self) -> Trajectory:
+            """The motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
+
+        @property
+        def certificate(self) -> Certificate:
+            """The certificate of the motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end; without a motion, reading it raises :class:`pinproof.errors.PlanFailed`."""
+        return self.trajectory.duration
+
+    def save(self, path: str | Path) -> Path:
+        """Write the motion as :meth:`Trajectory.save` does, and beside it its proof, for others to verify.
+
+        The proof of ``motion.json`` is ``motion.proof.json``: ``python -m pinproof.verifier motion.proof.json`` checks
+        it with NumPy only, and :func:`pinproof.verify_proof` compares it with the arm, the scene and the motion.
+
+        Returns
+        -------
+        Path
+            The file of the proof.
+
+        Raises
+        ------
+        PlanFailed
+            Without a motion that is proven FREE.
+        TrajectoryError, FileError
+            If a file cannot be written.
+        """
+        self.or_raise()
+        constraints = [proof.constraint for proof in self.certificate.constraints]
+        recorded = certify(self.trajectory, self.checker, constraints=constraints, record=True)
+        self.trajectory.save(path, certificate=self.certificate)
+        proof = Path(path).with_suffix(".proof.json")
+        recorded.save(proof)
+        return proof
+
+    def show(self, *, open_browser: bool = False) -> LiveView:
+        """Show the motion live in the browser; without a motion, the configuration that is the reason."""
+        from pinproof.viewer import show
+
+        motion, content = self._pictured()
+        checker = self.checker
+        return show(checker.group, checker.scene, motion, open_browser=open_browser, **content)
+
+    def to_html(self, path: str | Path) -> None:
+        """Write a page with the motion and its certificate; without a motion, the configuration that is the reason."""
+        from pinproof.viewer import write_html
+
+        motion, content = self._pictured()
+        checker = self.checker
+        write_html(path, checker.group, checker.scene, motion, plot=self._plot_limits(), **content)
+
+    def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
+        """The motion, and the further content of its picture as for :func:`pinproof.write_html`."""
+        raise NotImplementedError
+
+    def _plot_limits(self) -> PlotLimits | None:
+        """The limits in the plots of the page; None for those of the arm."""
+        return None
 
 
 @dataclass(frozen=True)

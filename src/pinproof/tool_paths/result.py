@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, certify
-from pinproof.common.results import Answer, Rows, Solution, View
+from pinproof.collision import Certificate, CollisionChecker
+from pinproof.common.results import Rows, Solution, View
 from pinproof.common.structs import described, key
-from pinproof.errors import PlanFailed
 from pinproof.motion import Trajectory
-from pinproof.planning import MotionPlan
+from pinproof.planning import MotionPlan, PlannedMotion
 from pinproof.spatial import Array
 from pinproof.tool_paths.path import ToolPath
-
-if TYPE_CHECKING:
-    from pinproof.viewer import LiveView
 
 # Number of blocked poses that a message states.
 SHOWN = 3
@@ -104,10 +99,9 @@ class PathPiece:
 
 
 @described(eq=False)
-class FollowPlan(Answer):
+class FollowPlan(PlannedMotion):
     """A certified motion along a tool path, or why no motion exists; result of :func:`pinproof.follow`."""
 
-    failure = PlanFailed
     not_pickled = ("checker",)
 
     status: FollowStatus = key("FOUND if there is a motion that is proven, else the reason")
@@ -132,11 +126,6 @@ class FollowPlan(Answer):
     def ok(self) -> bool:
         """Whether a motion was found that is proven."""
         return self.status is FollowStatus.FOUND
-
-    @property
-    def duration(self) -> float:
-        """Seconds of the whole motion; without one, reading it raises :class:`pinproof.errors.PlanFailed`."""
-        return self.trajectory.duration
 
     @property
     def cost(self) -> float:
@@ -177,52 +166,17 @@ class FollowPlan(Answer):
             found |= {"duration": self.duration, "cost": self.cost, "certificate": self.certificate.to_dict()}
         return found | {"rungs": self.rungs, "nodes": self.nodes, "removed": self.removed}
 
-    def save(self, path: str | Path) -> Path:
-        """Write the motion as :meth:`Trajectory.save` does, and beside it its proof; see :meth:`MotionPlan.save`.
-
-        Raises
-        ------
-        PlanFailed
-            Without a motion.
-        TrajectoryError, FileError
-            If a file cannot be written.
-        """
-        self.or_raise()
-        recorded = certify(self.trajectory, self.checker, record=True)
-        self.trajectory.save(path, certificate=self.certificate)
-        proof = Path(path).with_suffix(".proof.json")
-        recorded.save(proof)
-        return proof
-
-    def show(self, *, open_browser: bool = False) -> LiveView:
-        """Show the motion live in the browser; without a motion, a configuration that shows the reason."""
-        from pinproof.viewer import show
-
-        arm, scene, motion, content = self._picture()
-        return show(arm, scene, motion, open_browser=open_browser, **content)
-
-    def to_html(self, path: str | Path) -> None:
-        """Write a page with the motion and its certificate; without a motion, the poses that are blocked."""
-        from pinproof.viewer import write_html
-
-        arm, scene, motion, content = self._picture()
-        write_html(path, arm, scene, motion, **content)
-
-    def _picture(self) -> tuple[Any, Any, Trajectory | None, dict[str, Any]]:
-        """What :func:`pinproof.write_html` takes: arm, scene, motion and content."""
-        checker = self.checker
-        root = checker.arm.root_from_base
+    def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
+        checker, place = self.checker, self.checker.arm.root_from_base.homogeneous
         shown: dict[str, Any] = {"attached": checker.attached}
         if self.ok:
             ends = {"start of the path": self.path.poses[0], "end of the path": self.path.poses[-1]}
-            shown |= {"frames": {name: root.homogeneous @ pose for name, pose in ends.items()}}
-            return checker.group, checker.scene, self.trajectory, {**shown, "certificate": self.certificate}
-        frames = {f"blocked {each.pose:g}": root.homogeneous @ each.place for each in self.blocked[:8]}
+            shown |= {"frames": {name: place @ pose for name, pose in ends.items()}}
+            return self.trajectory, {**shown, "certificate": self.certificate}
+        frames = {f"blocked {each.pose:g}": place @ each.place for each in self.blocked[:8]}
         q = next((each.q for each in self.blocked if each.q is not None), None)
         shown |= {"frames": frames, "title": self.status.value}
-        if q is not None:
-            shown |= {"q": q, "check": checker.check(q)}
-        return checker.group, checker.scene, None, shown
+        return None, shown if q is None else {**shown, "q": q, "check": checker.check(q)}
 
     def _view(self) -> View:
         reasons = [each.message for each in self.blocked]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof._core import RouteSegment
-from pinproof.planning.follow import MIN_LENGTH, Route, RouteFollower, line_task, routes_through
+from pinproof.planning.routes import MIN_LENGTH, Route, RouteFollower, line_task, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
 from ..examples import examples

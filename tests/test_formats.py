@@ -50,6 +50,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "attached": Attachments.load,
     "picks": picks,
     "tool": pp.picks.Tool.load,
+    "tool_paths": pp.tool_paths.read_tool_paths,
     "dh": pp.DhTable.load,
     "limits": JointLimits.load,
     "motion": pp.Trajectory.load,
@@ -274,6 +275,31 @@ CUP = {
     "tool": SHAPES,
 }
 EVERYTHING["tool"] = {**{key: OTHER_PICKS[key] for key in ROBOT_KEYS}, **HAND}
+OF_STROKE = {"unit": "m", "speed": 0.1, "process": False, "reversible": False, "closed": False}
+EVERYTHING["tool_paths"] = {
+    **{key: OTHER_PICKS[key] for key in (*ROBOT_KEYS, "scene", "margin", "margins", "home")},
+    **{key: EVERYTHING["picks"][key] for key in ("held", "tip", "program", "frames")},
+    "tool": SHAPES,
+    "frame": "tray",
+    "speed": 0.2,
+    "free_rotation": [-0.5, "pi/4"],
+    "rotations": 12,
+    "tilts": 4,
+    "redundant": 12,
+    "deviation": 0.002,
+    "rotation_deviation": 0.02,
+    "speed_tolerance": 0.1,
+    "approach": 0.05,
+    "departure": 0.1,
+    "lifts": 1,
+    "cost": {"time": 1, "travel": 0.1, "effort": 1, "limits": 1, "singularity": 1, "clearance": 1},
+    "strokes": [
+        {"name": "seam", "points": [[0, 0, 0], [0.1, 0, 0]], "normals": [0, 0, 1], **OF_STROKE},
+        {"name": "curve", "points": [[0, 0, 0], [0.1, 0, 0]], "normals": [[0, 0, 1], [0, 0.1, 1]]},
+        {"name": "poses", "poses": [{"rpy": ["pi", 0, 0]}, {"xyz": [0.1, 0, 0], "quat_xyzw": [1, 0, 0, 0]}]},
+        {"file": "path.json"},
+    ],
+}
 VALUES = {
     "held": {"thumb": HAND["held"]["thumb"]},
     "fingers": {"opening": 0.05, "grip": 0.02},
@@ -336,6 +362,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("arm.srdf", "joint_limits.yaml", "calibration.conf"):
         (folder / name).touch()
     (folder / "tool.yaml").write_text("tip: {xyz: [0, 0, 0.1]}")
+    (folder / "path.json").write_text('{"points": [[0, 0, 0], [50, 0, 0]], "normals": [0, 0, 1]}')
     return folder
 
 
@@ -501,6 +528,8 @@ BEYOND_A_SCHEMA = re.compile(
     r"|the start of the segment|times must increase|joint_names contains|do not meet|at the connection"
     r"|sec must be from 0 to|the end of the segments|at the end of a segment|two events|starts at"
     r"|the arm does not rest|the arm moves at|accelerations are required"
+    # the points of a tool path
+    r"|normals for \d+ points|normal \d+ has length 0|the first and the last pose|looks like mm/s"
     # the number of picks, the files
     r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers"
 )
@@ -616,7 +645,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     pp.cell.compare(report, report).save(folder / "comparison.json")
     pp.cell.tolerance_study(report, samples=0).save(folder / "tolerance.json")
     for name in FORMATS:
-        if name in ("picks", "tool", "limits"):
+        if name in ("picks", "tool", "tool_paths", "limits"):
             continue  # pinproof does not write them
         file = folder / (f"{name}.json" if name in WRITTEN_AS_JSON else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))

@@ -32,10 +32,10 @@ PACKAGES = (
     "collision",
     "viewer",
     "planning",
-    "tool_paths",
     "execution",
     "picks",
     "cell",
+    "tool_paths",
     "formats",
     "cli",
 )

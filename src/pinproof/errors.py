@@ -13,6 +13,7 @@
     │   ├── MeshError                    mesh that is missing or invalid
     │   ├── SceneError                   scene file
     │   ├── PicksError                   picks file
+    │   ├── ToolPathError                file of tool paths, or one that it names
     │   └── TrajectoryError              trajectory file
     ├── ConversionError                  converted robot that differs from its source
     ├── TimingError                      path that cannot be timed within the limits
@@ -57,6 +58,7 @@ __all__ = [
     "SceneError",
     "SlipError",
     "TimingError",
+    "ToolPathError",
     "TrajectoryError",
     "UnitWarning",
     "UnknownNameError",
@@ -174,6 +176,10 @@ class SceneError(FileError):
 
 class PicksError(FileError):
     """A picks file that cannot be used."""
+
+
+class ToolPathError(FileError):
+    """A file of tool paths that cannot be used."""
 
 
 class TrajectoryError(FileError):

@@ -17,6 +17,7 @@ FORMATS = {
     "scene": ("pinproof.collision.scene", "Scene"),
     "picks": ("pinproof.picks.input.sources", "PICKS"),
     "tool": ("pinproof.picks.input.tools", "Tool"),
+    "tool_paths": ("pinproof.tool_paths.files", "JOB"),
     "attached": ("pinproof.collision.scene", "Attachments"),
     "dh": ("pinproof.description.dh", "DhTable"),
     "limits": ("pinproof.model.limits", "FILE"),

@@ -25,6 +25,7 @@ from pinproof.description.cell import (
     cell_srdf as cell_srdf,
     cell_urdf as cell_urdf,
     urdf_with_axes as urdf_with_axes,
+    with_frame as with_frame,
     with_movable_base as with_movable_base,
 )
 from pinproof.description.dh import (

@@ -165,6 +165,18 @@ def with_movable_base(urdf: Urdf, mounting: Array, mount: Sequence[LinkGeometry]
     return replace(extended, root=CELL, collisions=(*urdf.collisions, *mount), visuals=(*urdf.visuals, *mount))
 
 
+def with_frame(urdf: Urdf, name: str, parent: str, placement: Array) -> Urdf:
+    """Return a description with a link without bodies that is fixed to another one; ``placement`` is parent_from_link.
+
+    Raises
+    ------
+    InputError
+        If the robot already has a link or a joint of this name.
+    """
+    joint = _unlimited(f"{name} (mount)", "fixed", parent, name)
+    return _extended(urdf, [name], [_AddedJoint(joint, placement)])
+
+
 def _unlimited(name: str, kind: JointType, parent: str, child: str) -> UrdfJoint:
     return UrdfJoint(name, kind, parent, child, None, None, None, None)
 

@@ -20,7 +20,15 @@ from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, 
 from pinproof.picks.grasps.proposals import ProposedGrasp, ProposedGrasps, propose_grasps
 from pinproof.picks.input.parts import PartGrasp, PartType
 from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
-from pinproof.picks.input.picks import CellRobot, NamedFrame, PickProblem, Picks, root_from_frame
+from pinproof.picks.input.picks import (
+    SETTINGS,
+    CellRobot,
+    NamedFrame,
+    PickProblem,
+    Picks,
+    read_settings,
+    root_from_frame,
+)
 from pinproof.picks.input.program import ProgramSettings
 from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
@@ -72,11 +80,11 @@ from pinproof.picks.report.program_export import (
 from pinproof.picks.report.report import FIGURES, REPORT_SUFFIXES, PickReport, write_motion_pages
 
 __all__ = [
-    "DOWN", "FIGURES", "REPORT_SUFFIXES", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime", "Campaign",
-    "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact", "GraspCandidate",
-    "GraspSpin", "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand", "HandValues",
-    "HandsResult", "Intercept", "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp", "PartType",
-    "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem",
+    "DOWN", "FIGURES", "REPORT_SUFFIXES", "SETTINGS", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime",
+    "Campaign", "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact",
+    "GraspCandidate", "GraspSpin", "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand",
+    "HandValues", "HandsResult", "Intercept", "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp",
+    "PartType", "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem",
     "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict",
     "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProgramSettings",
     "ProposedGrasp", "ProposedGrasps", "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion",
@@ -85,7 +93,7 @@ __all__ = [
     "certify_picks_program", "check_export", "check_held_joints", "check_windings", "checker_of_picks", "code_of",
     "export_picks", "gripper_links", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of",
     "pick_from_belt", "profile_picks", "propose_grasps", "prove_part", "rate_limits", "reach", "reach_map",
-    "read_picks", "recertify_program", "release_lines", "root_from_frame", "screen", "screen_picks", "shifted",
-    "shortened", "span", "spec_of_picks", "support_names", "time_part", "tool_orientations",
-    "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "write_motion_pages",
+    "read_picks", "read_settings", "recertify_program", "release_lines", "root_from_frame", "screen",
+    "screen_picks", "shifted", "shortened", "span", "spec_of_picks", "support_names", "time_part",
+    "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "write_motion_pages",
 ]  # fmt: skip

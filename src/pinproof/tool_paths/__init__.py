@@ -1,6 +1,13 @@
 """Tool paths: the best joint motion along a whole path of the tool, certified, or why no motion exists."""
 
 from pinproof.common import faces
+from pinproof.tool_paths.files import (
+    JOB as JOB,
+    PathPoints as PathPoints,
+    StrokeSource as StrokeSource,
+    ToolJob as ToolJob,
+    read_tool_paths as read_tool_paths,
+)
 from pinproof.tool_paths.following import follow as follow
 from pinproof.tool_paths.path import ToolPath as ToolPath
 from pinproof.tool_paths.result import (
@@ -11,5 +18,6 @@ from pinproof.tool_paths.result import (
     PathPiece as PathPiece,
 )
 from pinproof.tool_paths.rungs import COSTS as COSTS, FollowCosts as FollowCosts
+from pinproof.tool_paths.strokes import Stroke as Stroke
 
 __all__ = faces.exported(globals())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy.typing as npt
 
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import Accepting, described, key
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
-from pinproof.spatial import SE3, Array, finite, rigid_many
-from pinproof.units import refuse_millimetres
+from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
+from pinproof.units import MOST_REACH, hint_at_unit, refuse_millimetres
 
 # Distance (m) and angle (rad) up to which consecutive poses are equal: a tenth of the accuracy of inverse kinematics.
 SAME_POSITION, SAME_ANGLE = 1e-7, 1e-7
@@ -53,6 +55,8 @@ class ToolPath(Shown):
         if not count:
             raise InputError(NO_POSE)
         refuse_millimetres("poses", np.abs(poses[:, :3, 3]).max(axis=1).tolist())
+        if (size := float(np.ptp(poses[:, :3, 3], axis=0).max())) > MOST_REACH:
+            raise InputError(f"the tool path extends over {size:g} m; {hint_at_unit(size, 'm')}")
         speed = None
         if self.speed is not None:
             given = np.asarray(self.speed, dtype=float)
@@ -145,6 +149,30 @@ class ToolPath(Shown):
             poses[index, :3, 3] = places[index]
             previous = x
         return cls(poses, speed, name, names)
+
+    def transformed(self, a_from_b: SE3 | npt.ArrayLike) -> ToolPath:
+        """The path, stated in a frame b, in a frame a."""
+        return replace(self, poses=rigid_matrix("a_from_b", a_from_b) @ self.poses)
+
+    def reversed(self) -> ToolPath:
+        """The path from its end to its start, with the same poses."""
+        speed = None if self.speed is None else self.speed[::-1]
+        return replace(self, poses=self.poses[::-1], speed=speed, names=self.names[::-1])
+
+    def started_at(self, index: int) -> ToolPath:
+        """A closed path from one of its poses through all others and back to it.
+
+        Raises
+        ------
+        InputError
+            If the path is not closed, or has no pose of this index.
+        """
+        if not self.closed:
+            raise InputError(f"tool path {self.name!r} is not closed; it starts at its first pose only")
+        index = require_integer("index", index, 0, len(self) - 1) % (len(self) - 1)
+        order = np.append(np.roll(np.arange(len(self) - 1), -index), index)
+        speed = None if self.speed is None else np.roll(self.speed, -index)
+        return replace(self, poses=self.poses[order], speed=speed, names=[self.names[k] for k in order])
 
     @cached_property
     def lengths(self) -> Array:

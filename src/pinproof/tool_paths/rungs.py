@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from pinproof._core import Ladder
 from pinproof.collision import CollisionChecker
-from pinproof.common.structs import described, key
+from pinproof.common.structs import key, struct
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkTask
 from pinproof.model import AT_LIMIT, Arm
@@ -41,7 +41,7 @@ SHORTEST = 1e-3
 Flags = npt.NDArray[np.bool_]
 
 
-@described(kw_only=True)
+@struct("costs", kw_only=True)
 class FollowCosts:
     """The weights of the cost of a motion along a tool path, which is in seconds if they are 1.
 

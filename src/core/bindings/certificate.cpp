@@ -106,7 +106,7 @@ int pair_with_obstacle(const World& world, std::int64_t pair) {
     return static_cast<int>(pair);
 }
 
-std::vector<PairSeparation> separate(const World& world, const Indices& pairs, const Vector& knots,
+std::vector<PairSeparation> separate_pairs(const World& world, const Indices& pairs, const Vector& knots,
                                      const Stack& control, const SeparationSettings& settings, const Matrix& more) {
     const CurveView curve = curve_of(knots, control, world.space().tree.dof, read_finite);
     const double* d = shaped("more", more, {kAny, 3}).data();
@@ -115,10 +115,7 @@ std::vector<PairSeparation> separate(const World& world, const Indices& pairs, c
     std::vector<int> stated;
     for (std::int64_t pair : shaped("pairs", pairs, {kAny})) stated.push_back(pair_with_obstacle(world, pair));
     nb::gil_scoped_release release;
-    Separator separator(world, curve, settings);
-    std::vector<PairSeparation> found;
-    for (int pair : stated) found.push_back(separator.separate(pair, directions));
-    return found;
+    return separate(world, curve, settings, stated, directions);
 }
 
 NewArray facet_directions(const World& world, std::int64_t index, const Vector& q, double reach) {
@@ -168,7 +165,7 @@ void bind_departure(nb::module_& module) {
         FIELDS(PairSeparation, far, overlaps, gap, groups, complete),
         "rest", [](const PairSeparation& found) { return array_of<std::int64_t>(found.rest); },
         "unclear", [](const PairSeparation& found) { return array_of<std::int64_t>(found.unclear); });
-    module.def("separate", &separate, "world"_a, "pairs"_a, "knots"_a, "control"_a, "settings"_a, "more"_a,
+    module.def("separate", &separate_pairs, "world"_a, "pairs"_a, "knots"_a, "control"_a, "settings"_a, "more"_a,
                "The PairSeparation of each pair with an obstacle along a curve; `more` (D, 3): directions to try.");
     module.def("facet_directions", &facet_directions, "world"_a, "pair"_a, "q"_a, "reach"_a,
                "(K, 3) unit vectors from a body at q to the facets of a mesh within `reach` (m).");

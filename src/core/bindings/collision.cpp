@@ -54,11 +54,11 @@ std::shared_ptr<Shape> make_cells(const IndexMatrix& low, const IndexMatrix& hig
     for (std::size_t i = 0; i < first.size(); ++i)
         if (first[i] < -kMostCells || end[i] > kMostCells || first[i] >= end[i]) refuse("a box of cells has no volume");
     finite("side", positive("side", side));
-    auto tree = std::make_shared<CellTree>(first, end, side);
-    const CellNode& all = tree->nodes[0];
+    auto cells = std::make_shared<CellTree>(first, end, side);
+    const BoxNode& all = cells->tree.nodes[0];
     auto shape = std::make_shared<Shape>(
         make_shape(ShapeKind::kCells, {}, {}, 0.0, {}, all.centre - all.half, all.centre + all.half));
-    shape->cells = std::move(tree);
+    shape->cells = std::move(cells);
     return shape;
 }
 

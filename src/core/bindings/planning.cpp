@@ -338,7 +338,7 @@ void bind_planning(nb::module_& module) {
             Doubles shorter;
             {
                 nb::gil_scoped_release release;
-                shorter = PathShortener::shortened(edges, points, numbers);
+                shorter = shortened_path(edges, points, numbers);
             }
             return rows_of(shorter, edges.dof());
         }, "edges"_a, "path"_a, "draws"_a,
@@ -347,15 +347,13 @@ void bind_planning(nb::module_& module) {
         "search_tour",
         [](const Indices& job, const Matrix& time, const IndexMatrix& pairs, const Indices& first,
            const Matrix& draws) {
-            const auto numbers = draws_of(draws, TourSearch::kDraws);
+            const auto numbers = draws_of(draws, kTourDraws);
             TourProblem problem = problem_of(job, time, pairs);
             const std::vector<int> start = first_of(problem, first);
             std::vector<int> tour;
             {
                 nb::gil_scoped_release release;
-                TourSearch search(std::move(problem), start);
-                search.search(numbers);
-                tour = search.tour();
+                tour = search_tour(std::move(problem), start, numbers);
             }
             return array_of<std::int64_t>(tour);
         }, "job"_a, "time"_a, "pairs"_a, "first"_a, "draws"_a,

@@ -45,16 +45,6 @@ Vec3 direction_between_boxes(const PlacedBody& a, const Shape& shape_a, const Pl
 
 }  // namespace
 
-void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right) {
-    std::copy_n(control, points * dof, right);
-    for (std::size_t r = 0; r < points; ++r) {
-        std::copy_n(right, dof, left + r * dof);
-        for (std::size_t i = 0; i + 1 < points - r; ++i)
-            for (std::size_t j = 0; j < dof; ++j)
-                right[i * dof + j] = 0.5 * (right[i * dof + j] + right[(i + 1) * dof + j]);
-    }
-}
-
 struct CurveProof::Summary {
     // Of the pairs that are proven.
     double proven, joint_tube, obstacle_tube;
@@ -216,15 +206,17 @@ void CurveProof::find_contact(Summary& sum) {
         note_distance(k, bounds.upper, sum);
     };
     for (int k : world_.own) check(k);
+    const Obstacles& obstacles = *space.obstacles;
     for (int body : world_.table->around)
-        for (int row = 0; row < static_cast<int>(space.obstacles->nodes.size());) {
-            const ObstacleNode& node = space.obstacles->nodes[row];
-            const double gap = norm(beyond_box(bodies_[body].centre, node.low, node.high)) - space.shape(body).ball;
-            const bool beyond = gap > world_.widest_margin + space.rounding;
-            row = beyond ? node.skip : row + 1;
-            if (beyond || node.obstacle < 0) continue;
-            if (const int k = world_.pair_with_obstacle(body, node.obstacle); k >= 0) check(k);
-        }
+        obstacles.visit(
+            [&](int row) {
+                const double gap = norm(beyond_box(bodies_[body].centre, obstacles.nodes[row].box)) - space.shape(body).ball;
+                return gap > world_.widest_margin + space.rounding;
+            },
+            [&](int obstacle) {
+                if (const int k = world_.pair_with_obstacle(body, obstacle); k >= 0) check(k);
+                return false;
+            });
 }
 
 // A distance (m) of a pair at the middle, or an upper bound of it.
@@ -246,20 +238,17 @@ void CurveProof::list_pairs(Interval& interval) {
     lists_.insert(lists_.end(), world_.own.begin(), world_.own.end());
     const double level = goal(world_.widest_margin);
     for (int body : world_.table->around)
-        for (int row = 0; row < static_cast<int>(space.obstacles->nodes.size());) {
-            const ObstacleNode& node = space.obstacles->nodes[row];
-            if (!settings_.record) {
+        space.obstacles->visit(
+            [&](int row) {
+                if (settings_.record) return false;
                 const FarNode far = bound_node(body, row, level, is_single_piece(interval));
-                if (far.certain > level) {
-                    if (settings_.wants_tubes) far_.push_back(far);
-                    row = node.skip;
-                    continue;
-                }
-            }
-            ++row;
-            if (node.obstacle < 0) continue;
-            if (const int k = world_.pair_with_obstacle(body, node.obstacle); k >= 0) lists_.push_back(k);
-        }
+                if (far.certain > level && settings_.wants_tubes) far_.push_back(far);
+                return far.certain > level;
+            },
+            [&](int obstacle) {
+                if (const int k = world_.pair_with_obstacle(body, obstacle); k >= 0) lists_.push_back(k);
+                return false;
+            });
     interval.pairs = lists_.size() - interval.list;
 }
 
@@ -268,7 +257,7 @@ void CurveProof::list_pairs(Interval& interval) {
 CurveProof::FarNode CurveProof::bound_node(int body, int row, double level, bool single) const {
     const Geometry& space = world_.space();
     const Shape& shape = space.shape(body);
-    const Vec3 centre = bodies_[body].centre, out = beyond_box(centre, space.obstacles->nodes[row].low, space.obstacles->nodes[row].high);
+    const Vec3 centre = bodies_[body].centre, out = beyond_box(centre, space.obstacles->nodes[row].box);
     const double length = norm(out);
     const Approach& rough = bounds_.rough_to_obstacles(body);
     FarNode far{body, row, length - shape.ball, 0.0, rough.growth, kInfinity};

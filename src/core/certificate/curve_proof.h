@@ -16,22 +16,9 @@
 #include "certificate/motion_bounds.h"
 #include "collision/near.h"
 #include "collision/world.h"
+#include "geometry/curve.h"
 
 namespace pinproof {
-
-// Polynomial pieces in the Bernstein basis; the control points of piece i belong to the parameters knots[i] to
-// knots[i+1].
-struct CurveView {
-    std::span<const double> knots;    // (pieces + 1)
-    std::span<const double> control;  // (pieces, points, dof)
-    std::size_t points, dof;          // points = degree + 1
-
-    std::size_t pieces() const { return knots.size() - 1; }
-    const double* piece(std::size_t i) const { return control.data() + i * points * dof; }
-};
-
-// Bisect a piece (points, dof) into two (de Casteljau).
-void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right);
 
 struct ProofSettings {
     double tolerance = 1e-4;            // m; an interval in which bodies move less is not bisected further

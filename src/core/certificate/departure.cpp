@@ -13,6 +13,13 @@ constexpr int kHalvings = 12;
 
 }  // namespace
 
+double extent(const Shape& shape, const Transform& root_from_shape, const Vec3& direction) {
+    const double origin = dot(direction, root_from_shape.translation);
+    if (shape.kind == ShapeKind::kHalfSpace) return origin;
+    const Vec3 local = transposed_times(root_from_shape.rotation, direction);
+    return origin + dot(support(shape, local), local) + shape.radius * norm(local);
+}
+
 Departure::Departure(std::shared_ptr<const Geometry> space, int body, std::shared_ptr<const Shape> hull,
                      const Vec3& normal, double level)
     : space_(std::move(space)),
@@ -38,13 +45,6 @@ void Departure::place_at(const double* q) {
     }
     const Body& body = space_->robot[static_cast<std::size_t>(body_)];
     at_ = placed(axes_.back() * body.joint_from_body, *body.shape);
-}
-
-// The largest direction . y over the points y of the placed body.
-double Departure::reach(const Vec3& direction) const {
-    const Vec3 local = transposed_times(at_.root_from_body.rotation, direction);
-    return dot(direction, at_.root_from_body.translation) + dot(support(*hull_, local), local) +
-           hull_->radius * norm(local);
 }
 
 double Departure::gap(const double* q) {

@@ -52,6 +52,9 @@ struct GapDecrease {
     double motion;    // m, of the points of the body
 };
 
+// The largest direction . x over the points x of a placed convex shape; of a half-space, along its own normal.
+double extent(const Shape& shape, const Transform& root_from_shape, const Vec3& direction);
+
 // The motion of a body of the robot along one direction, away from something that does not move. Each thread needs its
 // own.
 class Departure {
@@ -75,7 +78,7 @@ public:
 
 private:
     void place_at(const double* q);
-    double reach(const Vec3& direction) const;
+    double reach(const Vec3& direction) const { return extent(*hull_, at_.root_from_body, direction); }
     double crossing(double start, double stop, std::vector<double> part, double enough);
 
     std::shared_ptr<const Geometry> space_;

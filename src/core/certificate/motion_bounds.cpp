@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "collision/boxes.h"
+
 namespace pinproof {
 namespace {
 
@@ -20,9 +22,7 @@ double speed_along(const Joint& joint, const Transform& axis, const PlacedBody& 
 
 double extent(const PlacedBody& body, const Shape& shape, const Vec3& g) {
     const Vec3 local = transposed_times(body.root_from_body.rotation, g);
-    const double box =
-        std::abs(local.x) * shape.half.x + std::abs(local.y) * shape.half.y + std::abs(local.z) * shape.half.z;
-    const double ball = norm(g) * shape.ball;
+    const double box = half_extent(shape.half, local), ball = norm(g) * shape.ball;
     return box < ball ? box : ball;
 }
 
@@ -93,10 +93,7 @@ void MotionBounds::set(const Placement& bodies, const double* delta, const doubl
             radius_[body * swings_.size() + k] = radius_about(space.tree.joints[k], bodies.joint(k), at, shape);
         Approach sum{0.0, 0.0, 0.0, 0};
         for (int k = space.robot[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
-            const double rho = radius(static_cast<int>(body), k);
-            sum.distance += rho * swings_[k].chord;
-            sum.growth += rho * swings_[k].share;
-            sum.bare += rho * swings_[k].bare_chord;
+            sum.add(radius(static_cast<int>(body), k), swings_[k]);
             ++sum.split;
         }
         of_body_[body] = sum;
@@ -107,19 +104,11 @@ Approach MotionBounds::rough_between(const Pair& pair) const {
     const std::span<const int> path = world_.joints_between(pair);
     const int count = static_cast<int>(path.size());
     Approach sum{0.0, 0.0, 0.0, count};
-    for (int k : path) {
-        const double rho = radius(pair.a, k);
-        sum.distance += rho * swings_[k].chord;
-        sum.growth += rho * swings_[k].share;
-        sum.bare += rho * swings_[k].bare_chord;
-    }
+    for (int k : path) sum.add(radius(pair.a, k), swings_[k]);
     Approach best = sum;
     for (int i = count - 1; i >= 0; --i) {  // Reassign joints one by one, beginning at b, from a to b.
         const int k = path[i];
-        const double less = radius(pair.b, k) - radius(pair.a, k);
-        sum.distance += less * swings_[k].chord;
-        sum.growth += less * swings_[k].share;
-        sum.bare += less * swings_[k].bare_chord;
+        sum.add(radius(pair.b, k) - radius(pair.a, k), swings_[k]);
         sum.split = i;
         if (sum.distance < best.distance) best = sum;
     }

@@ -69,6 +69,13 @@ struct Approach {
     double growth;    // its growth per rad or m by which the box grows in every joint
     double bare;      // the distance without the tolerance of the joints
     int split;        // the number of joints, from a, that are assigned to the points of a; the others to those of b
+
+    // Add the motion of a joint at a radius.
+    void add(double radius, const JointSwing& swing) {
+        distance += radius * swing.chord;
+        growth += radius * swing.share;
+        bare += radius * swing.bare_chord;
+    }
 };
 
 // The largest g . x over the points x of a body about its centre, by its box or by its ball.

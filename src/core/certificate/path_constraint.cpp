@@ -5,8 +5,6 @@
 #include <limits>
 #include <numbers>
 
-#include "geometry/sincos.h"
-
 namespace pinproof {
 namespace {
 
@@ -62,12 +60,7 @@ void ConstrainedTcp::place(const double* q) {
         const double value = joint.value(q);
         turning += std::abs(value);
         if (joint.prismatic) travel += std::abs(value);
-        if (joint.prismatic) {
-            pose.translation += value * pose.rotation.column(2);
-        } else {
-            const auto [sine, cosine] = sincos_of_any(value);
-            rotate_about_z(pose.rotation, sine, cosine);
-        }
+        move(pose, joint.prismatic, value);
     }
     tcp_ = pose * chain_.tool;
     rounding_ = kRounding * (reach_ + travel) * std::max(turning / kTurning, 1.0);

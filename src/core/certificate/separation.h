@@ -15,7 +15,6 @@
 #include <limits>
 #include <memory>
 #include <span>
-#include <unordered_map>
 #include <vector>
 
 #include "certificate/departure.h"
@@ -74,29 +73,9 @@ struct ClosePair {
 // The convex hull of a body.
 std::shared_ptr<const Shape> hull_of(const std::shared_ptr<const Shape>& shape);
 
-// The separations of pairs along one curve.
-class Separator {
-public:
-    Separator(const World& world, const CurveView& curve, const SeparationSettings& settings);
-
-    // `more` are further directions to try; those without the length 1 are left out, because along them gaps are no
-    // distances.
-    PairSeparation separate(int pair, std::span<const Vec3> more);
-
-private:
-    SeparatingGroup follow(int pair, const ClosePair& close, const Vec3& normal, double level, double gap);
-    void leave_convex(int pair, const ClosePair& close, std::span<const Vec3> tried, PairSeparation& found);
-    void leave_facets(int pair, const ClosePair& close, std::vector<Vec3> tried, std::span<const Vec3> more,
-                      PairSeparation& found);
-    double required(int pair) const {
-        return world_.margin(pair) + settings_.displaced + 2.0 * world_.space().rounding;
-    }
-
-    const World& world_;
-    CurveView curve_;
-    SeparationSettings settings_;
-    Placement bodies_;  // at the start
-    std::unordered_map<int, std::shared_ptr<const Shape>> hulls_;
-};
+// The separations of pairs along a curve. `more` are further directions to try; those without the length 1 are left out,
+// because along them gaps are no distances.
+std::vector<PairSeparation> separate(const World& world, const CurveView& curve, const SeparationSettings& settings,
+                                     std::span<const int> pairs, std::span<const Vec3> more);
 
 }  // namespace pinproof

@@ -52,19 +52,7 @@ Line line_of(const PlannedJoint& joint) { return {joint.direction, joint.point, 
 
 // The motion of a joint from zero to a value, with lengths relative to the size of the arm.
 Transform motion_of(const PlannedJoint& joint, double value, double size) {
-    if (joint.prismatic) return {{}, (value / size) * joint.direction};
-    const auto [sine, cosine] = sincos(value);
-    const Mat3 rotation = rotation_about(joint.direction, sine, cosine);
-    return {rotation, joint.point - rotation * joint.point};
-}
-
-bool same_branch(const double* a, const double* b, int n) {
-    for (int j = 0; j < n; ++j) {
-        const double gap = std::abs(a[j] - b[j]);
-        if (gap > kSameBranch && std::abs(gap - kTurn * std::floor(gap / kTurn + 0.5)) > kSameBranch)
-            return false;
-    }
-    return true;
+    return motion_of(LoopLine{joint.direction, joint.point, joint.prismatic}, joint.prismatic ? value / size : value);
 }
 
 // The motions of the first locked joints for their values, from those of none of them to those of all.
@@ -499,7 +487,7 @@ bool ClosedFormSolver::refine_and_keep(Branch& branch, Branches& out) {
 bool ClosedFormSolver::keep(const Branch& branch, Branches& out) {
     const int n = static_cast<int>(plan_.dof());
     for (int i = 0; i < out.count; ++i)
-        if (same_branch(branch.q, out.branch[i].q, n)) return false;
+        if (same_configuration(branch.q, out.branch[i].q, n, kSameBranch)) return false;
     if (out.count == Branches::kMost) {
         out.doubtful = true;
         return false;

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "closed_form/prismatic_loop.h"
 #include "geometry/sincos.h"
-#include "kinematics/joint_range.h"
 
 namespace pinproof {
 namespace {
@@ -25,16 +25,6 @@ constexpr Vec3 kBesideAxis{0.48, -0.6, 0.64}, kBesideShift{0.31, 0.27, -0.28};
 constexpr int kMostCuts = 4;
 constexpr double kReliable = 0.75;  // share of the trials that a cut must solve completely
 
-// Whether two configurations are the same, up to full rotations of revolute joints. A prismatic joint whose values differ by
-// a multiple of 2 pi lengths of the arm is taken as different because the others are.
-bool same(const double* a, const double* b, double tolerance) {
-    for (int k = 0; k < 6; ++k) {
-        const double gap = a[k] - b[k];
-        if (std::abs(gap - kTurn * std::floor(gap / kTurn + 0.5)) > tolerance) return false;
-    }
-    return true;
-}
-
 Transform loop_at(const LoopLine (&lines)[6], const double (&q)[6]) {
     Transform product;
     for (int k = 0; k < 6; ++k) product = product * motion_of(lines[k], q[k]);
@@ -45,7 +35,7 @@ Transform loop_at(const LoopLine (&lines)[6], const double (&q)[6]) {
 
 void LoopRoots::add(const LoopRoot& one) {
     for (int i = 0; i < count; ++i)
-        if (same(one.q, root[i].q, kSameRoot)) return;
+        if (same_configuration(one.q, root[i].q, 6, kSameRoot)) return;
     if (count == kMost) {
         too_many = true;
         return;
@@ -58,8 +48,8 @@ bool LoopRoots::all_regular() const {
 }
 
 void GeneralLoop::find_starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real) {
-    if (PrismaticLoop::applies(lines)) {
-        prismatic_.solve(lines, g, cut, nearly_real, result_);
+    if (is_prismatic_loop(lines)) {
+        solve_prismatic_loop(lines, g, cut, nearly_real, result_);
     } else {
         elimination_.solve(lines, g, cut, nearly_real, result_);
     }
@@ -110,7 +100,7 @@ std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
                 LoopRoots roots;
                 if (!roots.all_of(loop.solve(trial.lines, loop_at(trial.lines, trial.q), cut, roots))) continue;
                 complete += std::any_of(roots.root, roots.root + roots.count,
-                                        [&](const LoopRoot& r) { return same(r.q, trial.q, kSameRoot); });
+                                        [&](const LoopRoot& r) { return same_configuration(r.q, trial.q, 6, kSameRoot); });
             }
             if (complete >= kReliable * static_cast<double>(trials.size())) scored.push_back({cut, complete});
         }

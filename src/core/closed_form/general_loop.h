@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "closed_form/elimination.h"
-#include "closed_form/prismatic_loop.h"
+#include "kinematics/joint_range.h"
 
 namespace pinproof {
 
@@ -54,7 +54,6 @@ class GeneralLoop {
     void polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const;
 
     Elimination elimination_;
-    PrismaticLoop prismatic_;
     EliminationResult result_;
 };
 

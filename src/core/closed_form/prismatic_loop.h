@@ -25,64 +25,15 @@
 // bounds for zeros of a polynomial based upon Gerschgorin's theorems".
 #pragma once
 
-#include <complex>
-
 #include "closed_form/elimination.h"
 
 namespace pinproof {
 
-class PrismaticLoop {
-  public:
-    // Whether these lines are solved here: two or three of them are prismatic.
-    static bool applies(const LoopLine (&lines)[6]);
+// Whether these lines are solved here: two or three of them are prismatic.
+bool is_prismatic_loop(const LoopLine (&lines)[6]);
 
-    // As Elimination::solve.
-    void solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
-               EliminationResult& out);
-
-  private:
-    static constexpr int kDegree = 4, kMostRoots = 2 * kDegree, kSamples = 16;
-    using Complex = std::complex<double>;
-
-    // A vector of the link between joints C and D by its components along h_C, h_D and h_C x h_D.
-    struct Components {
-        double c, d, normal;
-    };
-
-    // (1) at a value of joint B: cosine cos a + sine sin a = constant; and (2) by the multiples of a, 1, cos, sin, cos 2a,
-    // sin 2a.
-    struct FirstJoint {
-        double cosine, sine, constant;
-        double determinant[5];
-
-        double size2() const { return cosine * cosine + sine * sine; }
-        double discriminant() const { return size2() - constant * constant; }
-        double determinant_at(double a) const;
-        double product_of_determinants() const;
-    };
-
-    bool prepare();
-    Components components(const Vec3& v) const;
-    FirstJoint first_joint(double b) const;
-    double determinant(const Mat3& first, const Mat3& second) const;
-    bool expand(bool shifted);
-    bool find_roots();
-    void classify(double nearly_real, EliminationResult& out);
-    bool start_from_second(double b, EliminationResult& out) const;
-    void solve_three(double nearly_real, EliminationResult& out);
-    bool complete(double (&value)[6], EliminationResult& out) const;
-
-    CutLoop cut_;
-    int revolute_[4], prismatic_[3], revolute_count_, prismatic_count_;
-    Vec3 w_, normal_;
-    double normal2_;
-    Components offset_;               // from the point of joint C to that of joint D
-    Vec3 target_;                     // G o_D
-    Components direction_in_link_[2]; // of a prismatic joint between C and D
-    Complex coefficient_[kMostRoots + 1];
-    Complex root_[kMostRoots];
-    int roots_;                       // that are not at 0 or infinity
-    double noise_;                    // of each coefficient
-};
+// As Elimination::solve.
+void solve_prismatic_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+                          EliminationResult& out);
 
 }  // namespace pinproof

@@ -40,37 +40,6 @@ void join_along(std::vector<CellRange>& ranges, int axis) {
     ranges.resize(last + 1);
 }
 
-// Append the node of some boxes and all nodes within it. They are halved along the longest side of their centres.
-void add_nodes(CellTree& tree, std::span<CellBox> boxes, std::size_t first, double enlarged) {
-    const std::size_t here = tree.nodes.size();
-    Vec3 low = boxes[0].centre - boxes[0].half, high = boxes[0].centre + boxes[0].half;
-    Vec3 least = boxes[0].centre, most = least;
-    for (const CellBox& box : boxes)
-        for (int i = 0; i < 3; ++i) {
-            low[i] = std::min(low[i], box.centre[i] - box.half[i]);
-            high[i] = std::max(high[i], box.centre[i] + box.half[i]);
-            least[i] = std::min(least[i], box.centre[i]);
-            most[i] = std::max(most[i], box.centre[i]);
-        }
-    tree.nodes.push_back({0.5 * (low + high), 0.5 * (high - low) + Vec3{enlarged, enlarged, enlarged}});
-    if (boxes.size() <= kLeafBoxes) {
-        tree.nodes[here].first = static_cast<std::int32_t>(first);
-        tree.nodes[here].count = static_cast<std::int32_t>(boxes.size());
-        return;
-    }
-    const Vec3 width = most - least;
-    const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
-    const std::size_t half = boxes.size() / 2;
-    std::ranges::nth_element(boxes, boxes.begin() + static_cast<std::ptrdiff_t>(half), [&](auto& a, auto& b) {
-        for (int i : {longest, (longest + 1) % 3, (longest + 2) % 3})  // a total order: every library builds this tree
-            if (a.centre[i] != b.centre[i]) return a.centre[i] < b.centre[i];
-        return false;
-    });
-    add_nodes(tree, boxes.first(half), first, enlarged);
-    tree.nodes[here].second_child = static_cast<std::int32_t>(tree.nodes.size());
-    add_nodes(tree, boxes.subspan(half), first + half, enlarged);
-}
-
 }  // namespace
 
 CellTree::CellTree(std::span<const std::int64_t> low, std::span<const std::int64_t> high, double side) {
@@ -80,7 +49,8 @@ CellTree::CellTree(std::span<const std::int64_t> low, std::span<const std::int64
         ranges[i / 3].high[i % 3] = high[i];
     }
     for (int axis : {2, 1, 0}) join_along(ranges, axis);
-    boxes.reserve(ranges.size());
+    std::vector<CellBox> source;
+    std::vector<Vec3> centres;
     double largest = 0.0;
     for (const CellRange& range : ranges) {
         const auto corner = [&](const std::array<std::int64_t, 3>& at) {
@@ -88,11 +58,15 @@ CellTree::CellTree(std::span<const std::int64_t> low, std::span<const std::int64
                         static_cast<double>(at[2]) * side};
         };
         const Vec3 least = corner(range.low), most = corner(range.high);
-        boxes.push_back({0.5 * (least + most), 0.5 * (most - least)});
+        source.push_back({0.5 * (least + most), 0.5 * (most - least)});
+        centres.push_back(source.back().centre);
         largest = std::max({largest, size_1(least), size_1(most)});
     }
-    nodes.reserve(boxes.size());
-    add_nodes(*this, boxes, 0, kBoxRounding * largest);
+    boxes.reserve(source.size());
+    const auto box = [&](std::int32_t i) {
+        return Bounds{source[i].centre - source[i].half, source[i].centre + source[i].half};
+    };
+    for (std::int32_t i : tree.build(centres, kLeafBoxes, kBoxRounding * largest, box)) boxes.push_back(source[i]);
 }
 
 Shape shape_of(const CellBox& box) {
@@ -106,7 +80,7 @@ Shape shape_of(const CellBox& box) {
 
 DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transform& a_from_b,
                                    const DistanceQuery& query, Separation& separation) {
-    const CellTree& tree = *b.cells;
+    const CellTree& cells = *b.cells;
     const BesideCells beside(a, a_from_b);
     DistanceBounds bounds{kFar, kFar};
     const auto enough = [&] {
@@ -118,7 +92,7 @@ DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transfo
         DistanceQuery closer = query;
         closer.above = std::min(query.above, bounds.upper);
         of_box.of_b = 0;  // For a mesh, a box is one convex body. The simplex is of the triangle and of this box.
-        const DistanceBounds found = bound_distance(a, shape_of(tree.boxes[i]), a_from_b, closer, of_box);
+        const DistanceBounds found = bound_distance(a, shape_of(cells.boxes[i]), a_from_b, closer, of_box);
         of_box.of_b = i;
         bounds.lower = std::min(bounds.lower, found.lower);
         const bool best = found.upper < bounds.upper;
@@ -127,17 +101,17 @@ DistanceBounds bound_cell_distance(const Shape& a, const Shape& b, const Transfo
     };
     const auto decided = [&] { return bounds.upper <= query.below || !(bounds.lower > -kFar); };
     // The box that was closest in an earlier query most often still is.
-    const std::int32_t earlier = separation.of_b >= 0 && separation.of_b < static_cast<int>(tree.boxes.size())
+    const std::int32_t earlier = separation.of_b >= 0 && separation.of_b < static_cast<int>(cells.boxes.size())
                                      ? separation.of_b : -1;
     if (earlier >= 0) measure(earlier, separation);
     else separation.simplex.size = 0;
     bool ended = decided();
     visit_cells(
-        tree, beside, enough,
+        cells, beside, enough,
         [&](std::int32_t i) {
             if (ended || i == earlier) return ended;
             Separation of_box;
-            of_box.direction = a_from_b * tree.boxes[i].centre - a.centre;
+            of_box.direction = a_from_b * cells.boxes[i].centre - a.centre;
             if (measure(i, of_box) || separation.of_b < 0) separation = of_box;
             return ended = decided();
         },

@@ -25,15 +25,8 @@ struct CellBox {
     Vec3 centre, half;
 };
 
-// A box around other boxes. Its first child is the next node.
-struct CellNode {
-    Vec3 centre, half;
-    std::int32_t first = 0, count = 0;  // its boxes; no boxes if it has children
-    std::int32_t second_child = 0;
-};
-
 struct CellTree {
-    std::vector<CellNode> nodes;
+    BoxTree tree;
     std::vector<CellBox> boxes;  // in the order of the leaves
 
     // Boxes from `low` (N, 3) to `high` (N, 3), in cells of a side (m), which do not overlap. They are joined along z,
@@ -67,7 +60,7 @@ struct BesideCells {
 // Pass the boxes that may be within `enough()` (m) of a shape to `visit(box)`, the closer half of each node first, until
 // it returns true; nodes and boxes that are left out are passed to `leave(gap)`.
 template <class Enough, class Visit, class Leave>
-void visit_cells(const CellTree& tree, const BesideCells& beside, Enough enough, Visit visit, Leave leave) {
+void visit_cells(const CellTree& cells, const BesideCells& beside, Enough enough, Visit visit, Leave leave) {
     struct Entry {
         std::int32_t node;
         double gap;
@@ -75,7 +68,7 @@ void visit_cells(const CellTree& tree, const BesideCells& beside, Enough enough,
     constexpr std::size_t kDepth = 40;  // each level halves the boxes, whose number has 31 bits
     Entry stack[kDepth];
     const auto entry = [&](std::int32_t row) {
-        return Entry{row, beside.gap(tree.nodes[row].centre, tree.nodes[row].half, enough())};
+        return Entry{row, beside.gap(cells.tree.nodes[row].centre, cells.tree.nodes[row].half, enough())};
     };
     int top = 0;
     stack[top++] = entry(0);
@@ -86,7 +79,7 @@ void visit_cells(const CellTree& tree, const BesideCells& beside, Enough enough,
             leave(here.gap);
             continue;
         }
-        const CellNode& node = tree.nodes[here.node];
+        const BoxNode& node = cells.tree.nodes[here.node];
         if (node.count == 0) {
             Entry near = entry(here.node + 1), far = entry(node.second_child);
             if (near.gap > far.gap) std::swap(near, far);
@@ -95,7 +88,7 @@ void visit_cells(const CellTree& tree, const BesideCells& beside, Enough enough,
             continue;
         }
         for (std::int32_t i = node.first; i < node.first + node.count; ++i) {
-            const double gap = beside.gap(tree.boxes[i].centre, tree.boxes[i].half, enough());
+            const double gap = beside.gap(cells.boxes[i].centre, cells.boxes[i].half, enough());
             if (ended || gap > enough())
                 leave(gap);
             else

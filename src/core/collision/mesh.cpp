@@ -5,9 +5,6 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
-
-#include "collision/boxes.h"
 
 namespace pinproof {
 namespace {
@@ -32,76 +29,8 @@ constexpr std::array<Vec3, 4> kRays = {{{0.0712, 0.1239, 0.9897},
                                         {-0.1434, -0.9713, 0.1897},
                                         {-0.5171, 0.6113, -0.5991}}};
 
-struct Range {
-    Vec3 low{kUnbounded, kUnbounded, kUnbounded}, high{-kUnbounded, -kUnbounded, -kUnbounded};
-
-    void add(const Vec3& p) {
-        low = {std::min(low.x, p.x), std::min(low.y, p.y), std::min(low.z, p.z)};
-        high = {std::max(high.x, p.x), std::max(high.y, p.y), std::max(high.z, p.z)};
-    }
-};
-
-// Builds the tree of a mesh: triangles are halved along the longest side of their centres.
-class Builder {
-public:
-    Builder(const std::vector<Triangle>& source, TriangleMesh& mesh) : source_(source), mesh_(mesh) {
-        Range all;
-        for (const Triangle& triangle : source) {
-            for (const Vec3& corner : triangle.corners) all.add(corner);
-            centres_.push_back(triangle.corners[0] + triangle.corners[1] + triangle.corners[2]);
-        }
-        enlarged_ = kEnlarged * std::max(size_1(all.low), size_1(all.high));
-        std::vector<std::int32_t> members(source.size());
-        std::iota(members.begin(), members.end(), 0);
-        mesh.nodes.reserve(source.size() + 1);
-        mesh.triangles.reserve(source.size());
-        add(members);
-    }
-
-private:
-    // Append the node of some triangles and all nodes within it; returns the box around the triangles.
-    Range add(std::span<std::int32_t> members) {
-        const std::size_t here = mesh_.nodes.size();
-        mesh_.nodes.emplace_back();
-        Range box;
-        if (members.size() <= kLeafTriangles) {
-            mesh_.nodes[here].first = static_cast<std::int32_t>(mesh_.triangles.size());
-            mesh_.nodes[here].count = static_cast<std::int32_t>(members.size());
-            std::ranges::sort(members);
-            for (std::int32_t member : members) {
-                mesh_.triangles.push_back(source_[member]);
-                for (const Vec3& corner : source_[member].corners) box.add(corner);
-            }
-        } else {
-            Range centres;
-            for (std::int32_t member : members) centres.add(centres_[member]);
-            const Vec3 width = centres.high - centres.low;
-            const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
-            const std::size_t half = members.size() / 2;
-            std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), [&](int i, int j) {
-                const double x = centres_[i][longest], y = centres_[j][longest];
-                return x != y ? x < y : i < j;  // a total order, so that every library builds the same tree
-            });
-            box = add(members.first(half));
-            mesh_.nodes[here].second_child = static_cast<std::int32_t>(mesh_.nodes.size());
-            const Range second = add(members.subspan(half));
-            box.add(second.low);
-            box.add(second.high);
-        }
-        const Vec3 more{enlarged_, enlarged_, enlarged_};
-        mesh_.nodes[here].centre = 0.5 * (box.low + box.high);
-        mesh_.nodes[here].half = 0.5 * (box.high - box.low) + more;
-        return box;
-    }
-
-    const std::vector<Triangle>& source_;
-    TriangleMesh& mesh_;
-    std::vector<Vec3> centres_;  // three times the centre of each triangle
-    double enlarged_;
-};
-
 // Whether a ray from `from` intersects a box, with `inverse` one over the coordinates of its direction.
-bool meets_box(const Vec3& from, const Vec3& inverse, const MeshNode& node) {
+bool meets_box(const Vec3& from, const Vec3& inverse, const BoxNode& node) {
     double enter = 0.0, leave = kUnbounded;
     for (int i = 0; i < 3; ++i) {
         const double middle = (node.centre[i] - from[i]) * inverse[i], reach = std::abs(node.half[i] * inverse[i]);
@@ -152,10 +81,10 @@ struct Side {
     explicit Side(const Shape& shape)
         : mesh(shape.mesh.get()), whole{shape.centre, shape.half, 0, 1, 0}, ball(shape.ball) {}
 
-    const MeshNode* root() const { return mesh ? mesh->nodes.data() : &whole; }
+    const BoxNode* root() const { return mesh ? mesh->tree.nodes.data() : &whole; }
 
     const TriangleMesh* mesh;
-    MeshNode whole;
+    BoxNode whole;
     double ball;
 };
 
@@ -194,9 +123,9 @@ public:
             // The larger node is divided, and the closer half comes first.
             const bool divide_a = leaf_b || (!leaf_a && squared_norm(here.a->half) >= squared_norm(here.b->half));
             NodePair near = here, far = here;
-            const MeshNode*& near_node = divide_a ? near.a : near.b;
-            const MeshNode*& far_node = divide_a ? far.a : far.b;
-            const std::vector<MeshNode>& nodes = (divide_a ? side_a_ : side_b_).mesh->nodes;
+            const BoxNode*& near_node = divide_a ? near.a : near.b;
+            const BoxNode*& far_node = divide_a ? far.a : far.b;
+            const std::vector<BoxNode>& nodes = (divide_a ? side_a_ : side_b_).mesh->tree.nodes;
             far_node = nodes.data() + near_node->second_child;
             ++near_node;
             near.gap = gap(*near.a, *near.b);
@@ -214,7 +143,7 @@ public:
 
 private:
     struct NodePair {
-        const MeshNode *a, *b;
+        const BoxNode *a, *b;
         double gap;  // between their boxes
     };
 
@@ -225,10 +154,10 @@ private:
         return std::min(query_.above, bounds_.upper - precision);
     }
 
-    double gap(const MeshNode& a, const MeshNode& b) const {
+    double gap(const BoxNode& a, const BoxNode& b) const {
         if (b_.kind == ShapeKind::kHalfSpace) {
             const Vec3 up = a_from_b_.rotation.column(2);
-            return dot(up, a.centre - a_from_b_.translation) - reach_of(a.half, up);
+            return dot(up, a.centre - a_from_b_.translation) - half_extent(a.half, up);
         }
         const Vec3 offset = a_from_b_ * b.centre - a.centre;
         double gap = gap_of_faces(a_from_b_.rotation, offset, a.half, b.half);
@@ -237,14 +166,10 @@ private:
             gap = std::max(gap, point_to_box(transposed_times(a_from_b_.rotation, offset), b.half) - side_a_.ball);
         if (!has_plane_) return gap;
         // The direction that separates the closest triangles so far separates those next to them, too.
-        const double top = side_a_.mesh ? dot(plane_, a.centre) + reach_of(a.half, plane_) : top_;
+        const double top = side_a_.mesh ? dot(plane_, a.centre) + half_extent(a.half, plane_) : top_;
         const double bottom =
-            side_b_.mesh ? dot(plane_, a_from_b_ * b.centre) - reach_of(b.half, plane_in_b_) : bottom_;
+            side_b_.mesh ? dot(plane_, a_from_b_ * b.centre) - half_extent(b.half, plane_in_b_) : bottom_;
         return std::max(gap, bottom - top);
-    }
-
-    static double reach_of(const Vec3& half, const Vec3& u) {
-        return std::abs(u.x) * half.x + std::abs(u.y) * half.y + std::abs(u.z) * half.z;
     }
 
     // Take a vector of any length in the frame of a as the direction of further gaps.
@@ -330,11 +255,24 @@ TriangleMesh::TriangleMesh(std::span<const double> corners, std::span<const doub
     std::vector<Triangle> source(corners.size() / 9);
     for (std::size_t i = 0; i < 3 * source.size(); ++i) source[i / 3].corners[i % 3] = vectors(corners, i);
     for (std::size_t i = 0; i < points.size() / 3; ++i) witnesses.push_back(vectors(points, i));
-    Builder(source, *this);
+    Bounds all;
+    std::vector<Vec3> centres;  // three times that of each triangle
+    for (const Triangle& triangle : source) {
+        for (const Vec3& corner : triangle.corners) all.add(corner);
+        centres.push_back(triangle.corners[0] + triangle.corners[1] + triangle.corners[2]);
+    }
+    const double more = kEnlarged * std::max(size_1(all.low), size_1(all.high));
+    triangles.reserve(source.size());
+    const auto box = [&](std::int32_t i) {
+        Bounds around;
+        for (const Vec3& corner : source[i].corners) around.add(corner);
+        return around;
+    };
+    for (std::int32_t i : tree.build(centres, kLeafTriangles, more, box)) triangles.push_back(source[i]);
 }
 
 bool TriangleMesh::contains(const Vec3& point) const {
-    const MeshNode& all = nodes[0];
+    const BoxNode& all = tree.nodes[0];
     const Vec3 offset = point - all.centre;
     const bool within = std::abs(offset.x) <= all.half.x && std::abs(offset.y) <= all.half.y &&
                         std::abs(offset.z) <= all.half.z;
@@ -347,7 +285,7 @@ bool TriangleMesh::contains(const Vec3& point) const {
         stack[top++] = 0;
         while (top > 0 && certain) {
             const std::int32_t row = stack[--top];
-            const MeshNode& node = nodes[row];
+            const BoxNode& node = tree.nodes[row];
             if (!meets_box(point, inverse, node)) continue;
             if (node.count == 0) {
                 stack[top++] = node.second_child;

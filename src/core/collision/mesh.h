@@ -15,26 +15,18 @@
 // angle of a plane triangle", IEEE Transactions on Biomedical Engineering 30(2), equation 8.
 #pragma once
 
-#include <cstdint>
 #include <span>
 #include <vector>
 
+#include "collision/boxes.h"
 #include "collision/gjk.h"
 #include "collision/shape.h"
 #include "geometry/vectors.h"
 
 namespace pinproof {
 
-// A box around triangles, in the frame of the mesh. Its first child is the next node.
-struct MeshNode {
-    Vec3 centre, half;
-    std::int32_t first = 0;  // of its triangles
-    std::int32_t count = 0;  // of its triangles; 0 if it has children
-    std::int32_t second_child = 0;
-};
-
 struct TriangleMesh {
-    std::vector<MeshNode> nodes;
+    BoxTree tree;
     std::vector<Triangle> triangles;  // in the order of the leaves
     std::vector<Vec3> witnesses;      // a point of each connected part
     bool closed;                      // whether the triangles enclose a volume

@@ -38,8 +38,8 @@ Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(worl
         if (nodes[row].obstacle < 0) continue;
         const int lane = static_cast<int>(i++ % kLanes);
         if (lane == 0) four_.emplace_back().obstacles.fill(-1);
-        four_.back().low.set(lane, nodes[row].low);
-        four_.back().high.set(lane, nodes[row].high);
+        four_.back().low.set(lane, nodes[row].box.low);
+        four_.back().high.set(lane, nodes[row].box.high);
         four_.back().obstacles[lane] = nodes[row].obstacle;
     }
 }
@@ -68,14 +68,9 @@ bool Workspace::visit_obstacles(int body, Limit limit, Visit visit) const {
             if (!(total[lane] > squared_reach()) && visit(boxes.obstacles[lane])) return true;
     }
     if (!four_.empty()) return false;
-    const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
-    for (std::size_t row = 0; row < nodes.size();) {
-        const ObstacleNode& node = nodes[row];
-        const bool beyond = squared_norm(beyond_box(centre, node.low, node.high)) > squared_reach();
-        row = beyond ? static_cast<std::size_t>(node.skip) : row + 1;
-        if (!beyond && node.obstacle >= 0 && visit(node.obstacle)) return true;
-    }
-    return false;
+    const Obstacles& obstacles = *world_->space().obstacles;
+    return obstacles.visit(
+        [&](int row) { return squared_norm(beyond_box(centre, obstacles.nodes[row].box)) > squared_reach(); }, visit);
 }
 
 namespace {

@@ -8,13 +8,9 @@
 namespace pinproof {
 namespace {
 
-struct Bounds {
-    Vec3 low, high, centre;
-};
-
 // The box in the root frame around the box of an obstacle.
 Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
-    Bounds bounds{placed.centre, placed.centre, placed.centre};
+    Bounds bounds{placed.centre, placed.centre};
     for (int i = 0; i < 3; ++i) {
         double reach = 0.0;
         for (int j = 0; j < 3; ++j) reach += std::abs(placed.root_from_body.rotation.m[i][j]) * half[j];
@@ -52,12 +48,11 @@ struct Axes {
     }
 };
 
-// Set the box of a node to that around its children.
-void enclose(ObstacleNode& node, const ObstacleNode& a, const ObstacleNode& b) {
-    for (int i = 0; i < 3; ++i) {
-        node.low[i] = std::min(a.low[i], b.low[i]);
-        node.high[i] = std::max(a.high[i], b.high[i]);
-    }
+// The box around two nodes.
+Bounds around(const ObstacleNode& a, const ObstacleNode& b) {
+    Bounds box = a.box;
+    box.add(b.box);
+    return box;
 }
 
 // Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
@@ -65,27 +60,17 @@ void add_nodes(std::vector<ObstacleNode>& nodes, std::span<Member> members, cons
                Axes axes = {}) {
     const std::size_t here = nodes.size();
     if (members.size() == 1) {
-        const Bounds& own = bounds[members[0].body];
-        nodes.push_back({own.low, own.high, static_cast<int>(here) + 1, members[0].body});
+        nodes.push_back({bounds[members[0].body], static_cast<int>(here) + 1, members[0].body});
         return;
     }
-    Vec3 low = members[0].centre, high = low;
-    for (const Member& member : members)
-        for (int i = 0; i < 3; ++i) {
-            low[i] = std::min(low[i], member.centre[i]);
-            high[i] = std::max(high[i], member.centre[i]);
-        }
-    const Vec3 width = high - low;
-    axes.put_first(width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2);
+    axes.put_first(dividing_axis(std::span<const Member>(members), [](const Member& m) { return m.centre; }));
     const std::size_t half = members.size() / 2;
     std::ranges::nth_element(members, members.begin() + static_cast<std::ptrdiff_t>(half), axes);
     nodes.emplace_back();
     add_nodes(nodes, members.first(half), bounds, axes);
     const std::size_t second = nodes.size();
     add_nodes(nodes, members.subspan(half), bounds, axes);
-    nodes[here].skip = static_cast<int>(nodes.size());
-    nodes[here].obstacle = -1;
-    enclose(nodes[here], nodes[here + 1], nodes[second]);
+    nodes[here] = {around(nodes[here + 1], nodes[second]), static_cast<int>(nodes.size()), -1};
 }
 
 Obstacle obstacle_of(const Body& body) { return {body.shape, placed(body.joint_from_body, *body.shape)}; }
@@ -128,7 +113,7 @@ Obstacles::Obstacles(std::span<const Body> others) {
     for (const Body& body : others) {
         resting.push_back(obstacle_of(body));
         bounds.push_back(bounds_of(resting.back().placed, body.shape->half));
-        members.push_back({bounds.back().centre, static_cast<int>(members.size())});
+        members.push_back({resting.back().placed.centre, static_cast<int>(members.size())});
     }
     std::vector<ObstacleNode> tree;
     tree.reserve(2 * bounds.size());
@@ -152,12 +137,10 @@ Obstacles Obstacles::replaced(std::span<const std::int64_t> numbers, std::span<c
         std::vector<int> path;
         const auto second_child = [&](int row) { return made.nodes[static_cast<std::size_t>(row) + 1].skip; };
         for (int row = 0; row != leaf; row = leaf < second_child(row) ? row + 1 : second_child(row)) path.push_back(row);
-        const Bounds bounds = bounds_of(obstacle.placed, obstacle.shape->half);
-        made.nodes.replace(leaf, {bounds.low, bounds.high, leaf + 1, static_cast<int>(number)});
+        made.nodes.replace(leaf, {bounds_of(obstacle.placed, obstacle.shape->half), leaf + 1, static_cast<int>(number)});
         for (; !path.empty(); path.pop_back()) {
-            ObstacleNode node = made.nodes[path.back()];
-            enclose(node, made.nodes[path.back() + 1], made.nodes[second_child(path.back())]);
-            made.nodes.replace(path.back(), node);
+            const int row = path.back();
+            made.nodes.replace(row, {around(made.nodes[row + 1], made.nodes[second_child(row)]), made.nodes[row].skip, -1});
         }
     }
     return made;
@@ -295,13 +278,7 @@ bool Placement::set(const double* q) {
         sincos_of_each(values_.data(), sines_.data(), cosines_.data(), values_.size());
         for (std::size_t k = 0; k < joints.size(); ++k) {
             Frame frame = joints[k].parent == kRoot ? frame_of(joints[k].before) : frames_[joints[k].parent] * joints[k].before;
-            if (joints[k].prismatic) {
-                frame.origin += values_[k] * frame.z;
-            } else {
-                const Double4 x = frame.x;
-                frame.x = cosines_[k] * x + sines_[k] * frame.y;
-                frame.y = cosines_[k] * frame.y - sines_[k] * x;
-            }
+            move(frame, joints[k].prismatic, values_[k], sines_[k], cosines_[k]);
             frames_[k] = frame;
             joints_[k] = transform_of(frame);
         }

@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "collision/boxes.h"
 #include "collision/gjk.h"
 #include "collision/shape.h"
 #include "geometry/lanes.h"
@@ -68,7 +69,7 @@ struct Obstacle {
 
 // A box in the root frame around the boxes of some obstacles. The nodes within it follow it.
 struct ObstacleNode {
-    Vec3 low, high;
+    Bounds box;
     int skip;      // the node after all nodes within this one
     int obstacle;  // its number, if it is a single one; otherwise -1
 };
@@ -83,6 +84,18 @@ struct Obstacles {
 
     // The same tree with other bodies in place of those with these numbers.
     Obstacles replaced(std::span<const std::int64_t> numbers, std::span<const Body> others) const;
+
+    // Pass the obstacles to `visit(number)` until it returns true, except those in nodes for which `skip(row)` is true.
+    template <class Skip, class Visit>
+    bool visit(Skip skip, Visit visit) const {
+        for (std::size_t row = 0; row < nodes.size();) {
+            const ObstacleNode& node = nodes[row];
+            const bool skipped = skip(static_cast<int>(row));
+            row = skipped ? static_cast<std::size_t>(node.skip) : row + 1;
+            if (!skipped && node.obstacle >= 0 && visit(node.obstacle)) return true;
+        }
+        return false;
+    }
 };
 
 // The bodies and joints, which checkers with different pairs or margins share. Bodies are numbered: first those of the

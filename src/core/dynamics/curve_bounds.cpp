@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/curve.h"
+
 namespace pinproof {
 namespace {
 
@@ -44,21 +46,12 @@ Part whole(const TimedCurve& curve, std::size_t piece) {
     return part;
 }
 
-// Both halves of a part, by the algorithm of de Casteljau.
+// Both halves of a part.
 void bisect(const TimedCurve& curve, Part& part, Part& right) {
     for (std::size_t order = 0; order < 3; ++order) {
-        const std::size_t points = curve.points[order], dof = curve.dof;
-        std::vector<double>& left = part.control[order];
-        right.control[order] = left;
-        for (std::size_t j = 0; j < dof; ++j) {
-            double row[kMaxCurveDegree + 1];
-            for (std::size_t i = 0; i < points; ++i) row[i] = left[i * dof + j];
-            for (std::size_t i = 0; i < points; ++i) {
-                left[i * dof + j] = row[0];
-                right.control[order][(points - 1 - i) * dof + j] = row[points - 1 - i];
-                for (std::size_t l = 0; l + 1 < points - i; ++l) row[l] = 0.5 * (row[l] + row[l + 1]);
-            }
-        }
+        double* left = part.control[order].data();
+        right.control[order].resize(part.control[order].size());
+        halve(left, curve.points[order], curve.dof, left, right.control[order].data());
     }
     right.end = part.end;
     right.begin = part.end = 0.5 * (part.begin + part.end);

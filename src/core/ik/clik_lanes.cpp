@@ -108,14 +108,8 @@ void ClikLanes::evaluate() {
     for (std::size_t k = 0; k < chain.joints.size(); ++k) {
         frame = frame * chain.joints[k].before;
         axes_[k] = {frame.origin, frame.z};
-        if (chain.joints[k].prismatic) {
-            frame.origin = frame.origin + load_lanes(&values_[kLanes * k]) * frame.z;
-            continue;
-        }
-        const Lanes sine = load_lanes(&sines_[kLanes * k]), cosine = load_lanes(&cosines_[kLanes * k]);
-        const LaneVec3 x = frame.x;
-        frame.x = cosine * x + sine * frame.y;
-        frame.y = cosine * frame.y - sine * x;
+        pinproof::move(frame, chain.joints[k].prismatic, load_lanes(&values_[kLanes * k]), load_lanes(&sines_[kLanes * k]),
+                       load_lanes(&cosines_[kLanes * k]));
     }
     tcp_ = frame * chain.tool;
 }
@@ -133,7 +127,7 @@ void ClikLanes::compute_residual() {
 LaneVec3 ClikLanes::rotation_vectors() const {
     const LaneVec3 v = 0.5 * LaneVec3{tcp_.y.z - tcp_.z.y, tcp_.z.x - tcp_.x.z, tcp_.x.y - tcp_.y.x};
     const Lanes cosine = 0.5 * (tcp_.x.x + tcp_.y.y + tcp_.z.z - 1.0);
-    const Lanes sine = lanes_sqrt(pinproof::dot(v, v));
+    const Lanes sine = lanes_sqrt(dot(v, v));
     Lanes angle;
     for (int lane = 0; lane < kLanes; ++lane) angle[lane] = angle_of(sine[lane], cosine[lane]);
     const Lanes factor = sine > kSmallSine ? angle / sine : all_lanes(1.0);
@@ -148,8 +142,8 @@ LaneVec3 ClikLanes::rotation_vectors() const {
 // End the descents that have reached their target or stalled.
 void ClikLanes::observe() {
     const Task& task = solver_.task;
-    const Lanes position = pinproof::dot(residual_.linear, residual_.linear);
-    const Lanes angle = pinproof::dot(residual_.angular, residual_.angular);
+    const Lanes position = dot(residual_.linear, residual_.linear);
+    const Lanes angle = dot(residual_.angular, residual_.angular);
     const LaneMask reached = (position <= task.position_tolerance * task.position_tolerance) &
                              (angle <= task.orientation_tolerance * task.orientation_tolerance);
     for (int lane = 0; lane < kLanes; ++lane) {
@@ -176,12 +170,10 @@ void ClikLanes::compute_jacobian() {
         const Joint& joint = chain.joints[k];
         LaneTwist& column = jacobian_[joint.index];
         const LaneVec3 direction = joint.multiplier * axes_[k].direction;
-        if (joint.prismatic) {
+        if (joint.prismatic)
             column.linear = column.linear + direction;
-        } else {
-            column.linear = column.linear + cross(direction, tcp_.origin - axes_[k].origin);
-            column.angular = column.angular + direction;
-        }
+        else
+            column = column + LaneTwist{cross(direction, tcp_.origin - axes_[k].origin), direction};
     }
 }
 
@@ -191,12 +183,12 @@ void ClikLanes::apply_task() {
     if (task.positions == 3 && task.angles == 3) return;
     if (task.angles == 1 || task.angles == 2) {
         const LaneVec3 v = rotation_vectors();
-        const Lanes square = pinproof::dot(v, v);
+        const Lanes square = dot(v, v);
         Lanes c;
         for (int lane = 0; lane < kLanes; ++lane) c[lane] = left_jacobian_coefficient(square[lane]);
         for (LaneTwist& column : jacobian_) {
             const LaneVec3 w = column.angular;
-            column.angular = w - 0.5 * cross(v, w) + c * (pinproof::dot(v, w) * v - square * w);
+            column.angular = w - 0.5 * cross(v, w) + c * (dot(v, w) * v - square * w);
         }
     }
     for (LaneTwist& column : jacobian_) {
@@ -225,14 +217,13 @@ void ClikLanes::bounded_step() {
     const Lanes saturation = all_lanes(IkSolver::kSaturation * IkSolver::kSaturation);
     const LaneMask saturated = squared_ > saturation;
     const Lanes share = saturated ? lanes_sqrt(saturation / squared_) : all_lanes(1.0);
-    LaneTwist pull{share * residual_.linear, share * residual_.angular};
+    LaneTwist pull = share * residual_;
     Lanes damping;
     for (int lane = 0; lane < kLanes; ++lane) damping[lane] = 0.5 * descents_[lane].progress.growth * damping_;
     damping = damping * dot(pull, pull) + ClikStep::kSmallestDamping;
     for (std::size_t i = 0; i < q_.size(); ++i) {
         held_[i] = LaneMask{};
-        pull.linear = pull.linear + fixed_[i] * jacobian_[i].linear;
-        pull.angular = pull.angular + fixed_[i] * jacobian_[i].angular;
+        pull = pull + fixed_[i] * jacobian_[i];
     }
     for (LaneMask again = running_; any(again);) {
         rule_step(damping, pull);
@@ -248,12 +239,9 @@ void ClikLanes::bounded_step() {
             held_[i] |= outside;
             const Lanes moved = lanes_min(lanes_max(there, low), high) - q_[i];
             const Lanes more = outside ? moved - fixed_[i] : Lanes{};
-            pull.linear = pull.linear + more * jacobian_[i].linear;
-            pull.angular = pull.angular + more * jacobian_[i].angular;
+            pull = pull + more * jacobian_[i];
             fixed_[i] = outside ? moved : fixed_[i];
-            const Lanes kept = outside ? Lanes{} : all_lanes(1.0);
-            jacobian_[i].linear = kept * jacobian_[i].linear;
-            jacobian_[i].angular = kept * jacobian_[i].angular;
+            jacobian_[i] = (outside ? Lanes{} : all_lanes(1.0)) * jacobian_[i];
         }
     }
 }

@@ -47,10 +47,15 @@ class ClikLanes {
     // Residuals, twists or columns of Jacobians.
     struct LaneTwist {
         LaneVec3 linear, angular;
+
+        friend LaneTwist operator+(const LaneTwist& a, const LaneTwist& b) {
+            return {a.linear + b.linear, a.angular + b.angular};
+        }
+        friend LaneTwist operator*(Lanes s, const LaneTwist& a) { return {s * a.linear, s * a.angular}; }
+        friend Lanes dot(const LaneTwist& a, const LaneTwist& b) {
+            return dot(a.linear, b.linear) + dot(a.angular, b.angular);
+        }
     };
-    static Lanes dot(const LaneTwist& a, const LaneTwist& b) {
-        return pinproof::dot(a.linear, b.linear) + pinproof::dot(a.angular, b.angular);
-    }
     class Factor;
 
     void evaluate();

@@ -18,13 +18,7 @@ Transform forward_kinematics(const Chain& chain, const double* q) {
     Transform pose;
     for (const Joint& joint : chain.joints) {
         pose = pose * joint.before;
-        const double value = joint.value(q);
-        if (joint.prismatic) {
-            pose.translation += value * pose.rotation.column(2);
-        } else {
-            const auto [sine, cosine] = sincos_of_any(value);
-            rotate_about_z(pose.rotation, sine, cosine);
-        }
+        move(pose, joint.prismatic, joint.value(q));
     }
     return pose * chain.tool;
 }
@@ -43,13 +37,7 @@ void Posture::evaluate(const Chain& chain, const Frame& start, const double* q) 
     for (std::size_t k = 0; k < chain.joints.size(); ++k) {
         frame = frame * chain.joints[k].before;
         axes_[k] = {frame.origin, frame.z};
-        if (chain.joints[k].prismatic) {
-            frame.origin += values_[k] * frame.z;
-        } else {
-            const Double4 x = frame.x;
-            frame.x = cosines_[k] * x + sines_[k] * frame.y;
-            frame.y = cosines_[k] * frame.y - sines_[k] * x;
-        }
+        move(frame, chain.joints[k].prismatic, values_[k], sines_[k], cosines_[k]);
     }
     tcp_ = frame * chain.tool;
 }

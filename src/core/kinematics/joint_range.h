@@ -44,7 +44,16 @@ struct JointRange {
     }
 };
 
-// Full rotations of revolute joints.
+// Whether two configurations are the same, up to full rotations of revolute joints. A prismatic joint whose values differ by
+// a multiple of 2 pi lengths of the arm is taken as different because the others are.
+inline bool same_configuration(const double* a, const double* b, int joints, double tolerance) {
+    for (int k = 0; k < joints; ++k) {
+        const double gap = std::abs(a[k] - b[k]);
+        if (gap > tolerance && std::abs(gap - kTurn * std::floor(gap / kTurn + 0.5)) > tolerance) return false;
+    }
+    return true;
+}
+
 // value + 2 pi k closest to the reference, within [lower - slack, upper + slack] if possible.
 inline double nearest_winding(double value, double lower, double upper, double slack, double reference) {
     const double fewest = std::ceil((lower - slack - value) / kTurn);

@@ -27,17 +27,31 @@ struct JointTree {
     std::size_t dof = 0;  // the length of q
 };
 
-// root_from_joint at q, which must be finite; `root_from_parent` is null for a joint on the root.
-inline Transform placed_joint(const Joint& joint, const Transform* root_from_parent, const double* q) {
-    Transform place =
-        root_from_parent == nullptr ? joint.before : *root_from_parent * joint.before;
-    const double value = joint.value(q);
-    if (joint.prismatic) {
-        place.translation += value * place.rotation.column(2);
+// Move a frame by the value of a joint, along or about its z axis. F is a frame with columns, of one problem or of several in
+// lanes, and Number is a double or lanes.
+template <class F, class Number>
+void move(F& frame, bool prismatic, const Number& value, const Number& sine, const Number& cosine) {
+    if (prismatic) {
+        frame.origin = frame.origin + value * frame.z;
+    } else {
+        const auto x = frame.x;
+        frame.x = cosine * x + sine * frame.y;
+        frame.y = cosine * frame.y - sine * x;
+    }
+}
+inline void move(Transform& frame, bool prismatic, double value) {
+    if (prismatic) {
+        frame.translation += value * frame.rotation.column(2);
     } else {
         const auto [sine, cosine] = sincos_of_any(value);
-        rotate_about_z(place.rotation, sine, cosine);
+        rotate_about_z(frame.rotation, sine, cosine);
     }
+}
+
+// root_from_joint at q, which must be finite; `root_from_parent` is null for a joint on the root.
+inline Transform placed_joint(const Joint& joint, const Transform* root_from_parent, const double* q) {
+    Transform place = root_from_parent == nullptr ? joint.before : *root_from_parent * joint.before;
+    move(place, joint.prismatic, joint.value(q));
     return place;
 }
 

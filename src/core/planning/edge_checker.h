@@ -19,6 +19,13 @@ namespace pinproof {
 
 inline constexpr double kUnitKnots[] = {0.0, 1.0};  // of a straight edge as a curve
 
+// The Euclidean distance of two configurations (dof), squared.
+inline double squared_distance(const double* a, const double* b, std::size_t dof) {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < dof; ++j) sum += (b[j] - a[j]) * (b[j] - a[j]);
+    return sum;
+}
+
 class EdgeChecker {
 public:
     // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two

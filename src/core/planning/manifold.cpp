@@ -38,11 +38,7 @@ constexpr double kMostDetour = 2.0;
 // Most steps of one connection.
 constexpr int kMostSteps = 400;
 
-double distance(const double* a, const double* b, std::size_t n) {
-    double sum = 0.0;
-    for (std::size_t j = 0; j < n; ++j) sum += (b[j] - a[j]) * (b[j] - a[j]);
-    return std::sqrt(sum);
-}
+double distance(const double* a, const double* b, std::size_t n) { return std::sqrt(squared_distance(a, b, n)); }
 
 }  // namespace
 

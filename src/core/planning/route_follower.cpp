@@ -6,16 +6,11 @@
 #include <numbers>
 #include <utility>
 
+#include "geometry/curve.h"
 #include "geometry/rotations.h"
 
 namespace pinproof {
 namespace {
-
-double evaluate(std::array<double, RoutePiece::kCoefficients> c, double u) {
-    for (std::size_t n = c.size() - 1; n > 0; --n)
-        for (std::size_t i = 0; i < n; ++i) c[i] = c[i] * (1.0 - u) + c[i + 1] * u;
-    return c[0];
-}
 
 // The rotation by `share` of a rotation vector.
 Mat3 rotation_by(const Vec3& vector, double share) {
@@ -55,7 +50,8 @@ RoutePiece::Derivatives RoutePiece::derivatives() const {
 }
 
 Transform RoutePiece::at(double u) const {
-    const double back = evaluate(a, u), on = evaluate(b, u);
+    auto before = a, after = b;
+    const double back = value_at(before, u), on = value_at(after, u);
     return {pose.rotation * (rotation_by(into.rotation, -back) * rotation_by(out.rotation, on)),
             pose.translation - back * into.translation + on * out.translation};
 }
@@ -434,9 +430,7 @@ std::vector<RouteDeviation> RouteFollower::deviations(const Route& route, std::s
             const double u = sample / count;
             for (std::size_t j = 0; j < n; ++j) {
                 double p[kCubic] = {c[j], c[n + j], c[2 * n + j], c[3 * n + j]};
-                for (std::size_t r = kCubic - 1; r > 0; --r)
-                    for (std::size_t x = 0; x < r; ++x) p[x] = p[x] * (1.0 - u) + p[x + 1] * u;
-                q[j] = p[0];
+                q[j] = value_at(p, u);
             }
             here = difference(route, at_end ? knots[i + 1] : knots[i] + width * u, q.data());
             most = {std::max(most.position, here.position), std::max(most.orientation, here.orientation)};

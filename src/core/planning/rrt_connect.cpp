@@ -19,12 +19,6 @@ constexpr double kNarrowShare = 0.2, kNarrowest = 6.0;
 // Goals to which a connection along the constraints is tried before the first sample.
 constexpr std::size_t kDirectGoals = 8;
 
-double squared_distance(const double* a, const double* b, std::size_t dof) {
-    double sum = 0.0;
-    for (std::size_t j = 0; j < dof; ++j) sum += (a[j] - b[j]) * (a[j] - b[j]);
-    return sum;
-}
-
 }  // namespace
 
 int Tree::add(const double* q, int parent) {

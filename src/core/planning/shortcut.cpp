@@ -23,9 +23,7 @@ constexpr double kEndDistance = 0.1;
 constexpr double kMinShare = 0.2;
 
 double distance(const std::vector<double>& a, const std::vector<double>& b) {
-    double sum = 0.0;
-    for (std::size_t j = 0; j < a.size(); ++j) sum += (b[j] - a[j]) * (b[j] - a[j]);
-    return std::sqrt(sum);
+    return std::sqrt(squared_distance(a.data(), b.data(), a.size()));
 }
 
 // a + share (b - a)
@@ -42,132 +40,154 @@ std::vector<double> lengths_along(const std::vector<std::vector<double>>& path) 
     return at;
 }
 
+// A path of straight edges. Each operation keeps its ends, does not make it longer, and adds only edges that are free.
+class PathShortener {
+  public:
+    // `path` (waypoints, dof). Added edges are proven free or, without `proofs`, only their samples are free.
+    PathShortener(EdgeChecker& edges, std::span<const double> path, bool proofs) : edges_(edges), proofs_(proofs) {
+        for (std::size_t i = 0; i < path.size(); i += edges.dof()) {
+            Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i),
+                       path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
+            if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
+        }
+        given_ = path_;
+    }
+
+    // All operations, or without draws only the first.
+    void run(std::span<const double> draws) {
+        connect_farthest();
+        if (draws.empty()) return;
+        random_shortcuts(draws);
+        remove_waypoints();
+        straighten();
+        remove_waypoints();
+    }
+
+    // Whether every edge that is not one of the given path is proven free.
+    bool added_edges_proven() const {
+        for (std::size_t i = 0; i + 1 < path_.size(); ++i) {
+            const auto here = std::ranges::search(given_, std::span(path_).subspan(i, 2));
+            if (here.empty() && !edges_.proven_free(path_[i].data(), path_[i + 1].data())) return false;
+        }
+        return true;
+    }
+
+    // Connect each kept waypoint to the farthest later waypoint that a free edge reaches.
+    void connect_farthest() {
+        for (std::size_t first = 0; first + 2 < path_.size(); ++first)
+            for (std::size_t last = path_.size() - 1; last > first + 1; --last)
+                if (free(path_[first], path_[last])) {
+                    path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(first + 1),
+                                path_.begin() + static_cast<std::ptrdiff_t>(last));
+                    break;
+                }
+    }
+
+    // Remove each waypoint for which the edge between its neighbours is free.
+    void remove_waypoints() {
+        for (std::size_t i = 1; i + 1 < path_.size();) {
+            if (free(path_[i - 1], path_[i + 1])) {
+                path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
+                i = std::max<std::size_t>(i - 1, 1);  // The previous waypoint has a new neighbour.
+            } else {
+                ++i;
+            }
+        }
+    }
+
+    // Connect random points of different edges; `draws` are two numbers in [0, 1) for each attempt. Ends after some
+    // attempts in a row without gain.
+    void random_shortcuts(std::span<const double> draws) {
+        int failures = 0;
+        for (std::size_t i = 0; i + 1 < draws.size() && path_.size() > 2 && failures < kPatience; i += 2)
+            failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
+    }
+
+    // Move each waypoint towards the straight line between its neighbours, by a share that is halved on failure.
+    void straighten() {
+        std::vector<double> shares(path_.size(), 1.0);
+        const double min_gain = kMinGain * lengths_along(path_).back();
+        for (int pass = 0; pass < kMaxPasses; ++pass) {
+            bool changed = false;
+            for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
+                if (shares[i] < kMinShare) continue;
+                changed = move_waypoint(i, shares[i], min_gain) || changed;
+            }
+            if (!changed) break;
+        }
+    }
+
+    // (waypoints, dof) without waypoints that equal their predecessor
+    std::vector<double> path() const {
+        std::vector<double> all;
+        for (std::size_t i = 0; i < path_.size(); ++i)
+            if (i == 0 || path_[i] != path_[i - 1]) all.insert(all.end(), path_[i].begin(), path_[i].end());
+        return all;
+    }
+
+  private:
+    using Waypoint = std::vector<double>;
+
+    bool free(const Waypoint& a, const Waypoint& b) {
+        return proofs_ ? edges_.proven_free(a.data(), b.data()) : edges_.samples_free(a.data(), b.data());
+    }
+
+    bool random_shortcut(double first_draw, double last_draw) {
+        const std::vector<double> at = lengths_along(path_);
+        const double first = std::min(first_draw, last_draw) * at.back(),
+                     last = std::max(first_draw, last_draw) * at.back();
+        const auto edge_of = [&](double length) {
+            const auto next = std::upper_bound(at.begin(), at.end() - 1, length);
+            return static_cast<std::size_t>(next - at.begin()) - 1;
+        };
+        const std::size_t i = edge_of(first), k = edge_of(last);
+        if (i == k) return false;
+        const Waypoint a = between(path_[i], path_[i + 1], (first - at[i]) / (at[i + 1] - at[i]));
+        const Waypoint b = between(path_[k], path_[k + 1], (last - at[k]) / (at[k + 1] - at[k]));
+        const double gain = (last - first) - distance(a, b);
+        if (gain <= kMinGain * at.back() || !free(a, b)) return false;
+        path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i + 1),
+                    path_.begin() + static_cast<std::ptrdiff_t>(k + 1));
+        path_.insert(path_.begin() + static_cast<std::ptrdiff_t>(i + 1), {a, b});
+        return true;
+    }
+
+    // Whether the waypoint was moved, or can be tried again with a smaller share.
+    bool move_waypoint(std::size_t i, double& share, double min_gain) {
+        const Waypoint &before = path_[i - 1], &here = path_[i], &after = path_[i + 1];
+        double product = 0.0, square = 0.0;
+        for (std::size_t j = 0; j < here.size(); ++j) {
+            product += (here[j] - before[j]) * (after[j] - before[j]);
+            square += (after[j] - before[j]) * (after[j] - before[j]);
+        }
+        const double along = product / std::max(square, std::numeric_limits<double>::min());
+        const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
+        const Waypoint moved = between(here, foot, share);
+        const double gain =
+            distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
+        if (gain <= min_gain) return false;
+        if (free(before, moved) && free(moved, after)) {
+            path_[i] = moved;
+            return true;
+        }
+        share /= 2.0;
+        return share >= kMinShare;
+    }
+
+    EdgeChecker& edges_;
+    bool proofs_;
+    std::vector<Waypoint> path_, given_;
+};
+
 }  // namespace
 
-PathShortener::PathShortener(EdgeChecker& edges, std::span<const double> path, bool proofs)
-    : edges_(edges), proofs_(proofs) {
-    for (std::size_t i = 0; i < path.size(); i += edges.dof()) {
-        Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i),
-                   path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
-        if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
-    }
-    given_ = path_;
-}
-
-std::vector<double> PathShortener::shortened(EdgeChecker& edges, std::span<const double> path,
-                                             std::span<const double> draws) {
+std::vector<double> shortened_path(EdgeChecker& edges, std::span<const double> path, std::span<const double> draws) {
     PathShortener quick(edges, path, false);
     quick.run(draws);
     if (quick.added_edges_proven()) return quick.path();
     PathShortener proven(edges, path, true);
     proven.run(draws);
     return proven.path();
-}
-
-void PathShortener::run(std::span<const double> draws) {
-    connect_farthest();
-    if (draws.empty()) return;
-    random_shortcuts(draws);
-    remove_waypoints();
-    straighten();
-    remove_waypoints();
-}
-
-// Whether every edge that is not one of the given path is proven free.
-bool PathShortener::added_edges_proven() const {
-    for (std::size_t i = 0; i + 1 < path_.size(); ++i) {
-        const auto here = std::ranges::search(given_, std::span(path_).subspan(i, 2));
-        if (here.empty() && !edges_.proven_free(path_[i].data(), path_[i + 1].data())) return false;
-    }
-    return true;
-}
-
-std::vector<double> PathShortener::path() const {
-    std::vector<double> all;
-    for (std::size_t i = 0; i < path_.size(); ++i)
-        if (i == 0 || path_[i] != path_[i - 1]) all.insert(all.end(), path_[i].begin(), path_[i].end());
-    return all;
-}
-
-void PathShortener::connect_farthest() {
-    for (std::size_t first = 0; first + 2 < path_.size(); ++first)
-        for (std::size_t last = path_.size() - 1; last > first + 1; --last)
-            if (free(path_[first], path_[last])) {
-                path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(first + 1),
-                            path_.begin() + static_cast<std::ptrdiff_t>(last));
-                break;
-            }
-}
-
-void PathShortener::remove_waypoints() {
-    for (std::size_t i = 1; i + 1 < path_.size();) {
-        if (free(path_[i - 1], path_[i + 1])) {
-            path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
-            i = std::max<std::size_t>(i - 1, 1);  // The previous waypoint has a new neighbour.
-        } else {
-            ++i;
-        }
-    }
-}
-
-void PathShortener::random_shortcuts(std::span<const double> draws) {
-    int failures = 0;
-    for (std::size_t i = 0; i + 1 < draws.size() && path_.size() > 2 && failures < kPatience; i += 2)
-        failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
-}
-
-bool PathShortener::random_shortcut(double first_draw, double last_draw) {
-    const std::vector<double> at = lengths_along(path_);
-    const double first = std::min(first_draw, last_draw) * at.back(),
-                 last = std::max(first_draw, last_draw) * at.back();
-    const auto edge_of = [&](double length) {
-        const auto next = std::upper_bound(at.begin(), at.end() - 1, length);
-        return static_cast<std::size_t>(next - at.begin()) - 1;
-    };
-    const std::size_t i = edge_of(first), k = edge_of(last);
-    if (i == k) return false;
-    const Waypoint a = between(path_[i], path_[i + 1], (first - at[i]) / (at[i + 1] - at[i]));
-    const Waypoint b = between(path_[k], path_[k + 1], (last - at[k]) / (at[k + 1] - at[k]));
-    const double gain = (last - first) - distance(a, b);
-    if (gain <= kMinGain * at.back() || !free(a, b)) return false;
-    path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i + 1), path_.begin() + static_cast<std::ptrdiff_t>(k + 1));
-    path_.insert(path_.begin() + static_cast<std::ptrdiff_t>(i + 1), {a, b});
-    return true;
-}
-
-void PathShortener::straighten() {
-    std::vector<double> shares(path_.size(), 1.0);
-    const double min_gain = kMinGain * lengths_along(path_).back();
-    for (int pass = 0; pass < kMaxPasses; ++pass) {
-        bool changed = false;
-        for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
-            if (shares[i] < kMinShare) continue;
-            changed = move_waypoint(i, shares[i], min_gain) || changed;
-        }
-        if (!changed) break;
-    }
-}
-
-// Whether the waypoint was moved, or can be tried again with a smaller share.
-bool PathShortener::move_waypoint(std::size_t i, double& share, double min_gain) {
-    const Waypoint &before = path_[i - 1], &here = path_[i], &after = path_[i + 1];
-    double product = 0.0, square = 0.0;
-    for (std::size_t j = 0; j < here.size(); ++j) {
-        product += (here[j] - before[j]) * (after[j] - before[j]);
-        square += (after[j] - before[j]) * (after[j] - before[j]);
-    }
-    const double along = product / std::max(square, std::numeric_limits<double>::min());
-    const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
-    const Waypoint moved = between(here, foot, share);
-    const double gain =
-        distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
-    if (gain <= min_gain) return false;
-    if (free(before, moved) && free(moved, after)) {
-        path_[i] = moved;
-        return true;
-    }
-    share /= 2.0;
-    return share >= kMinShare;
 }
 
 }  // namespace pinproof

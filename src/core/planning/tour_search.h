@@ -11,9 +11,6 @@
 // 5(3); F. Suarez-Ruiz, T. Lembono, Q.-C. Pham (2018), "RoboTSP", ICRA.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
-#include <deque>
 #include <span>
 #include <utility>
 #include <vector>
@@ -31,58 +28,11 @@ struct TourProblem {
     int jobs() const { return job.empty() ? 0 : job.back() + 1; }
 };
 
-// A tour and its improvement. All orders satisfy the pairs, as the first one does.
-class TourSearch {
-public:
-    // Number of random numbers of a disturbance.
-    static constexpr int kDraws = 8;
+// Random numbers for each disturbance.
+inline constexpr int kTourDraws = 8;
 
-    // `first` (n) the option of each job in order
-    TourSearch(TourProblem problem, std::span<const int> first);
-
-    // Improve the tour until no move of a job or of a part of the tour makes it shorter.
-    void improve();
-    // Disturb and improve the tour; `draws` are kDraws numbers in [0, 1) for each time.
-    void search(std::span<const double> draws);
-
-    // (n) the option of each job in order
-    std::vector<int> tour() const { return {stops_.begin() + 1, stops_.end() - 1}; }
-
-private:
-    // The stops from `first` to `last` move between `gap` and `gap` + 1, or stay if `gap` is `first` - 1.
-    struct Change {
-        double seconds = 0.0;
-        int first = 0, last = 0, gap = 0;
-        int option = -1;  // of the only stop, if at least 0
-        bool reversed = false;
-    };
-
-    double time(int a, int b) const { return problem_.time[static_cast<std::size_t>(a) * width_ + b]; }
-    int job(int position) const { return problem_.job[stops_[position]]; }
-    double total() const;
-    void refresh();
-    void empty_queue();
-    void wake(int position);
-    void wake_around(int first, int last);
-    Change best_change(int job) const;
-    void consider_options(int position, Change& best) const;
-    void consider_part(int first, int last, Change& best) const;
-    void consider_reversals(int position, Change& best) const;
-    void apply(const Change& change);
-    bool choose_options();
-    bool disturb(std::span<const double> draws);
-    void move_randomly(int position, double draw);
-
-    TourProblem problem_;
-    std::size_t width_;
-    int count_;                               // number of jobs
-    std::vector<int> stops_;                  // (n + 2) home, the options in order, home
-    std::vector<int> place_;                  // (n) the position of each job
-    std::vector<int> latest_, earliest_;      // (n + 2) of the predecessors and of the successors of each stop
-    std::vector<double> forth_, back_;        // (n + 2) sums of times along the tour in both directions
-    std::vector<int> first_option_;           // (n + 1) where the options of each job start
-    std::deque<int> queue_;                   // jobs whose moves are tried
-    std::vector<char> queued_;                // (n)
-};
+// A short tour, the option of each job in order (n), from a first one, in an order that satisfies the pairs. `draws` are
+// kTourDraws numbers in [0, 1) for each disturbance.
+std::vector<int> search_tour(TourProblem problem, std::span<const int> first, std::span<const double> draws);
 
 }  // namespace pinproof

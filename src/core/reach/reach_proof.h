@@ -16,12 +16,6 @@
 
 namespace pinproof {
 
-// A set of positions: all points within `radius` of `centre`.
-struct Ball {
-    Vec3 centre;
-    double radius = 0.0;
-};
-
 // A point that is fixed on the links `first` to `last`, up to `error` (m), with its coordinates in each of their frames.
 // The frame of link k is that behind joint k; that of link 0 is the base.
 struct LoopPoint {
@@ -113,74 +107,19 @@ struct ReachProof {
     double width = 0.0;             // undecided: its largest width
 };
 
-// The proof for one chain, with its working memory; one for each thread.
-class ReachProver {
-  public:
-    // The limits must be finite; the range of a revolute joint is at most a full rotation.
-    ReachProver(const Chain& chain, const LoopDistances& loop, const double* lower, const double* upper);
-
-    // `base_from_tcp` must be rigid.
-    ReachProof prove(const Transform& base_from_tcp, const ReachSettings& settings);
-
-    // For tests: whether every box on the path of the search to a solution q (n,) keeps it, for as many boxes as the
-    // budget permits. A sound search never excludes a solution.
-    bool keeps(const Transform& base_from_tcp, const double* q, const ReachSettings& settings);
-
-  private:
-    struct JointValue {
-        double middle, half_width;
-        double cosine, sine;  // of the middle
-        double inwards, radius;  // the arc about the middle: its ball has `inwards` and `radius` times the arc's radius
-    };
-    struct Range {
-        double lower, upper;
-    };
-    struct ArcBalls;
-
-    void set_joint(int joint);
-    Ball up(int joint, const Ball& ball) const;
-    Ball rotated_back(int joint, const Ball& ball) const;
-    Ball down(int joint, const Ball& ball) const;
-    Ball through_target(const Transform& pose, const Vec3& tcp, const Ball& ball) const;
-    void evaluate(const Arc& arc, double error, ArcBalls& balls) const;
-    Range distance(const Arc& arc, const ArcBalls& balls) const;
-    bool contract(const LoopConstraint& constraint, int number);
-    bool project(int joint, const Ball& before, const Ball& after, const Range& distance, int number);
-    bool narrow(int joint, double lower, double upper, int number);
-    bool propagate(bool first);
-    Ball carried(const Overlap& overlap, bool through_target) const;
-    bool overlaps_everywhere();
-    void start(const Transform& base_from_tcp, const ReachSettings& settings);
-    void open(const JointBox& box, int divided);
-    double place_to_split(int joint) const;
-    int joint_to_split() const;
-
-    const Chain& chain_;
-    const LoopDistances& loop_;
-    int n_;
-    double rounding_;  // m: allowance for rounding in distances
-    JointBox limits_;
-    std::vector<Transform> up_;  // the inverse of `before` of each joint
-
-    Transform base_from_last_, last_from_base_, target_;
-    ReachSettings settings_;
-    ReachProof* proof_ = nullptr;
-
-    JointBox box_;
-    JointValue value_[kMostProofJoints];
-    std::int64_t changed_[kMostProofJoints];  // the number of the evaluation that changed the joint last
-    std::vector<std::int64_t> evaluated_;     // the last evaluation of each constraint
-    std::int64_t clock_ = 0;                  // the number of the present evaluation
-    double influence_[kMostProofJoints];
-    struct Gap {
-        double width = 0.0, middle = 0.0;
-    };
-    Gap gap_[kMostProofJoints];
-
-    std::vector<Transform> box_from_link_;  // of each overlap
-    std::vector<int> overlap_order_;        // the overlap that excluded a box last comes first
-    double overlap_share_ = 0.0;      // the best quotient of a depth at the middle of the box and the depth required
-    double overlap_effect_[kMostProofJoints];  // the part of each joint in the motion of its ball
+// A chain whose poses are proven out of reach: its limits are finite, and the range of a revolute joint is at most a full
+// rotation.
+struct ReachArm {
+    Chain chain;
+    JointBox limits;
+    LoopDistances loop;
 };
+
+// `base_from_tcp` must be rigid.
+ReachProof prove_out_of_reach(const ReachArm& arm, const Transform& base_from_tcp, const ReachSettings& settings);
+
+// For tests: whether every box on the path of the search to a solution q (n,) keeps it, for as many boxes as the budget
+// permits. A sound search never excludes a solution.
+bool search_keeps(const ReachArm& arm, const Transform& base_from_tcp, const double* q, const ReachSettings& settings);
 
 }  // namespace pinproof

@@ -6,6 +6,8 @@
 #include <numbers>
 #include <span>
 
+#include "geometry/curve.h"
+
 namespace pinproof {
 namespace {
 
@@ -22,12 +24,8 @@ double largest_value(const Quintic& control, std::size_t degree, double seen, do
     for (std::size_t i = 1; i <= degree; ++i) hull = std::max(hull, control[i]);
     seen = std::max({seen, control[0], control[degree]});
     if (hull <= seen + slack || depth == 0) return std::max(hull, seen);
-    Quintic left{}, right{}, rest = control;
-    for (std::size_t r = 0; r <= degree; ++r) {
-        left[r] = rest[0];
-        right[degree - r] = rest[degree - r];
-        for (std::size_t i = 0; i + r < degree; ++i) rest[i] = 0.5 * (rest[i] + rest[i + 1]);
-    }
+    Quintic left{}, right{};
+    halve(control.data(), degree + 1, 1, left.data(), right.data());
     seen = std::max(seen, left[degree]);
     const double first = largest_value(left, degree, seen, slack, depth - 1);
     return largest_value(right, degree, std::max(seen, first), slack, depth - 1);

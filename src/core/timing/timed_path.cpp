@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/curve.h"
+
 namespace pinproof {
 namespace {
 
@@ -104,9 +106,7 @@ void TimedPath::evaluate(std::size_t piece, double s, std::size_t order, double*
     double row[kMaxDegree + 1];
     for (std::size_t j = 0; j < joints_; ++j) {
         for (std::size_t i = 0; i < count; ++i) row[i] = points[i * joints_ + j];
-        for (std::size_t last = count - 1; last > 0; --last)
-            for (std::size_t i = 0; i < last; ++i) row[i] = row[i] * (1.0 - u) + row[i + 1] * u;
-        result[j] = row[0];
+        result[j] = value_at({row, count}, u);
     }
 }
 

@@ -8,7 +8,8 @@ import inspect
 import math
 import operator
 import sys
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any, NoReturn, TypeVar
 
@@ -114,6 +115,12 @@ def unique_names(what: str, stated: object) -> tuple[str, ...]:
     if len(set(names)) < len(names):
         raise InputError(f"{what} names an obstacle twice: {', '.join(names)}")
     return names
+
+
+def refuse_repeated(what: str, names: Iterable[str]) -> None:
+    """Raise InputError, which lists the names that occur more than once, unless all names are different."""
+    if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
+        raise InputError(f"the names of {what} must differ; repeated: {', '.join(repeated)}")
 
 
 def freeze_arrays(owner: object, *names: str) -> None:

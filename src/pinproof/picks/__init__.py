@@ -6,94 +6,86 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 ``judging``.
 """
 
-from pinproof.picks.batch.campaign import BeltSequence, Campaign, CampaignResult, pick_from_belt, validate_picks
+from pinproof.common import faces
+from pinproof.picks.batch.campaign import (
+    BeltSequence as BeltSequence, Campaign as Campaign, CampaignResult as CampaignResult,
+    pick_from_belt as pick_from_belt, validate_picks as validate_picks,
+)  # fmt: skip
 from pinproof.picks.batch.reach_map import (
-    ReachComparison,
-    ReachMap,
-    ReachRegion,
-    approach_directions,
-    attainable_orientations,
-    reach_map,
-    tool_orientations,
-)
-from pinproof.picks.batch.screening import ScreenResult, ScreenStatus, code_of, screen_picks
-from pinproof.picks.grasps.proposals import ProposedGrasp, ProposedGrasps, propose_grasps
-from pinproof.picks.input.parts import PartGrasp, PartType
-from pinproof.picks.input.pick import GraspSpin, GraspTolerance, Member, Pick, PlaceTarget, ToolSpeed, support_names
+    ReachComparison as ReachComparison, ReachMap as ReachMap, ReachRegion as ReachRegion,
+    approach_directions as approach_directions, attainable_orientations as attainable_orientations,
+    reach_map as reach_map, tool_orientations as tool_orientations,
+)  # fmt: skip
+from pinproof.picks.batch.screening import (
+    ScreenResult as ScreenResult, ScreenStatus as ScreenStatus, code_of as code_of, screen_picks as screen_picks,
+)  # fmt: skip
+from pinproof.picks.grasps.proposals import (
+    ProposedGrasp as ProposedGrasp, ProposedGrasps as ProposedGrasps, propose_grasps as propose_grasps,
+)  # fmt: skip
+from pinproof.picks.input.parts import PartGrasp as PartGrasp, PartType as PartType
+from pinproof.picks.input.pick import (
+    GraspSpin as GraspSpin, GraspTolerance as GraspTolerance, Member as Member, Pick as Pick,
+    PlaceTarget as PlaceTarget, ToolSpeed as ToolSpeed, support_names as support_names,
+)  # fmt: skip
 from pinproof.picks.input.picks import (
-    SETTINGS,
-    CellRobot,
-    NamedFrame,
-    PickProblem,
-    Picks,
-    read_settings,
-    root_from_frame,
-)
-from pinproof.picks.input.program import ProgramSettings
-from pinproof.picks.input.settings import Conveyor, GripLimits, GripperFingers, PickBudget, PickWeights, SuctionCup
-from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable, open_picks, read_picks
-from pinproof.picks.input.tools import Hand, HandValues, Tool
-from pinproof.picks.judging.configurations import TURN
-from pinproof.picks.judging.grasp import GraspCandidate, PickCheck, reach, screen
-from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
-from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.lines import Attempt, along, shifted, shortened, span, transit
-from pinproof.picks.judging.place import Placer, Placing, Release, release_lines
-from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.suggest import LengthSuggestion, RetreatSuggestion, ShiftSuggestion, TurnSuggestion
+    SETTINGS as SETTINGS, CellRobot as CellRobot, NamedFrame as NamedFrame, PickProblem as PickProblem, Picks as Picks,
+    read_settings as read_settings, root_from_frame as root_from_frame,
+)  # fmt: skip
+from pinproof.picks.input.program import ProgramSettings as ProgramSettings
+from pinproof.picks.input.settings import (
+    Conveyor as Conveyor, GripLimits as GripLimits, GripperFingers as GripperFingers, PickBudget as PickBudget,
+    PickWeights as PickWeights, SuctionCup as SuctionCup,
+)  # fmt: skip
+from pinproof.picks.input.sources import (
+    PickGrid as PickGrid, PickList as PickList, PickSource as PickSource, PickTable as PickTable,
+    open_picks as open_picks, read_picks as read_picks,
+)  # fmt: skip
+from pinproof.picks.input.tools import Hand as Hand, HandValues as HandValues, Tool as Tool
+from pinproof.picks.judging.configurations import TURN as TURN
+from pinproof.picks.judging.grasp import (
+    GraspCandidate as GraspCandidate, PickCheck as PickCheck, reach as reach, screen as screen,
+)  # fmt: skip
+from pinproof.picks.judging.grip import (
+    CupContact as CupContact, FingerContact as FingerContact, GripResult as GripResult,
+)  # fmt: skip
+from pinproof.picks.judging.judge import judge as judge
+from pinproof.picks.judging.lines import Attempt as Attempt, along as along, shortened as shortened, transit as transit
+from pinproof.picks.judging.place import (
+    Placer as Placer, Placing as Placing, Release as Release, release_lines as release_lines,
+)  # fmt: skip
+from pinproof.picks.judging.setup import PickSetup as PickSetup
+from pinproof.picks.judging.suggest import (
+    LengthSuggestion as LengthSuggestion, RetreatSuggestion as RetreatSuggestion, ShiftSuggestion as ShiftSuggestion,
+    TurnSuggestion as TurnSuggestion,
+)  # fmt: skip
 from pinproof.picks.judging.task import (
-    DOWN,
-    SUPPORT_GAP,
-    PickCell,
-    PickTask,
-    check_held_joints,
-    check_windings,
-    checker_of_picks,
-    gripper_links,
-    peaks_of,
-    with_hand,
-    rate_limits,
-    spec_of_picks,
-    torque_limits_of_tool,
-)
-from pinproof.picks.judging.timing import MotionPart, motion_parts, prove_part, time_part
-from pinproof.picks.judging.two_hands import HandsResult, judge_hands
+    PickCell as PickCell, PickTask as PickTask,
+    check_held_joints as check_held_joints, check_windings as check_windings, checker_of_picks as checker_of_picks,
+    gripper_links as gripper_links, peaks_of as peaks_of, rate_limits as rate_limits,
+    spec_of_picks as spec_of_picks, supports_below as supports_below,
+    torque_limits_of_tool as torque_limits_of_tool,
+)  # fmt: skip
+from pinproof.picks.judging.timing import (
+    MotionPart as MotionPart, motion_parts as motion_parts, part_of as part_of, prove_part as prove_part,
+    time_part as time_part,
+)  # fmt: skip
+from pinproof.picks.judging.two_hands import HandsResult as HandsResult, judge_hands as judge_hands
 from pinproof.picks.judging.verdict import (
-    Intercept,
-    PickMotion,
-    PickStatus,
-    PickVerdict,
-    Stage,
-    StageResult,
-    Suggestion,
-)
-from pinproof.picks.report.profile import BodyTime, PickProfile, StageTime, profile_picks
-from pinproof.picks.report.program_details import check_export
+    Intercept as Intercept, PickMotion as PickMotion, PickStatus as PickStatus, PickVerdict as PickVerdict,
+    Stage as Stage, StageResult as StageResult, Suggestion as Suggestion,
+)  # fmt: skip
+from pinproof.picks.report.profile import (
+    BodyTime as BodyTime, PickProfile as PickProfile, StageTime as StageTime, profile_picks as profile_picks,
+)  # fmt: skip
+from pinproof.picks.report.program_details import check_export as check_export
 from pinproof.picks.report.program_export import (
-    ExportedProgram,
-    PicksProgram,
-    ProgramCheck,
-    certify_picks_program,
-    export_picks,
-    recertify_program,
-)
-from pinproof.picks.report.report import FIGURES, REPORT_SUFFIXES, PickReport, write_motion_pages
+    ExportedProgram as ExportedProgram, PicksProgram as PicksProgram, ProgramCheck as ProgramCheck,
+    certify_picks_program as certify_picks_program, export_picks as export_picks,
+    recertify_program as recertify_program,
+)  # fmt: skip
+from pinproof.picks.report.report import (
+    FIGURES as FIGURES, REPORT_SUFFIXES as REPORT_SUFFIXES, PickReport as PickReport,
+    write_motion_pages as write_motion_pages,
+)  # fmt: skip
 
-__all__ = [
-    "DOWN", "FIGURES", "REPORT_SUFFIXES", "SETTINGS", "SUPPORT_GAP", "TURN", "Attempt", "BeltSequence", "BodyTime",
-    "Campaign", "CampaignResult", "CellRobot", "Conveyor", "CupContact", "ExportedProgram", "FingerContact",
-    "GraspCandidate", "GraspSpin", "GraspTolerance", "GripLimits", "GripResult", "GripperFingers", "Hand",
-    "HandValues", "HandsResult", "Intercept", "LengthSuggestion", "Member", "MotionPart", "NamedFrame", "PartGrasp",
-    "PartType", "Pick", "PickBudget", "PickCell", "PickCheck", "PickGrid", "PickList", "PickMotion", "PickProblem",
-    "PickProfile", "PickReport", "PickSetup", "PickSource", "PickStatus", "PickTable", "PickTask", "PickVerdict",
-    "PickWeights", "Picks", "PicksProgram", "PlaceTarget", "Placer", "Placing", "ProgramCheck", "ProgramSettings",
-    "ProposedGrasp", "ProposedGrasps", "ReachComparison", "ReachMap", "ReachRegion", "Release", "RetreatSuggestion",
-    "ScreenResult", "ScreenStatus", "ShiftSuggestion", "Stage", "StageResult", "StageTime", "SuctionCup",
-    "Suggestion", "Tool", "ToolSpeed", "TurnSuggestion", "along", "approach_directions", "attainable_orientations",
-    "certify_picks_program", "check_export", "check_held_joints", "check_windings", "checker_of_picks", "code_of",
-    "export_picks", "gripper_links", "judge", "judge_hands", "motion_parts", "open_picks", "peaks_of",
-    "pick_from_belt", "profile_picks", "propose_grasps", "prove_part", "rate_limits", "reach", "reach_map",
-    "read_picks", "read_settings", "recertify_program", "release_lines", "root_from_frame", "screen",
-    "screen_picks", "shifted", "shortened", "span", "spec_of_picks", "support_names", "time_part",
-    "tool_orientations", "torque_limits_of_tool", "transit", "validate_picks", "with_hand", "write_motion_pages",
-]  # fmt: skip
+__all__ = faces.exported(globals())

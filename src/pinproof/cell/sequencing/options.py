@@ -28,7 +28,6 @@ from pinproof.picks import (
     GraspCandidate,
     NamedFrame,
     Pick,
-    PickCell,
     Picks,
     PickSetup,
     PickTask,
@@ -42,7 +41,6 @@ from pinproof.picks import (
     release_lines,
     root_from_frame,
     screen,
-    span,
     support_names,
 )
 from pinproof.planning import Edges, planner_of, with_turns
@@ -146,9 +144,7 @@ class PickOption:
     @property
     def exit(self) -> Array:
         """(n,) the configuration after the pick, where the next transit starts."""
-        if self.release is None:
-            return self.attempt.exit
-        return self.release.q if self.release.leave is None else self.release.leave.end
+        return self.attempt.exit if self.release is None else self.release.exit
 
     @property
     def seconds(self) -> float:
@@ -249,7 +245,7 @@ class PickOptions:
         place = None if pick.place is None else replace(pick.place, support=other_supports(pick.place.support, parts))
         alone = replace(pick, support=other_supports(pick.support, parts), place=place)
         checker = setup.checker.with_scene(self.fixed if before is None else self.fixed.add(before))
-        cell = PickCell(checker, setup.shared, setup.home, setup.weights, setup.budget)
+        cell = replace(setup.cell, checker=checker)
         task = PickTask(alone, cell)
         seeds = setup.rng(index).integers(2**31, size=4).tolist()
         bounds = Bounds.of(task.arm.limits, task.arm.joint_names)
@@ -392,13 +388,12 @@ def rotated(arm: Arm, option: PickOption, entrance: Array, exit_: Array) -> Pick
     if not np.any([entrance, exit_]):
         return option
     attempt, release = option.attempt, option.release
-    if not arm.limits.inside(np.array(span(attempt.q, attempt.approach, attempt.retreat)) + entrance).all():
-        return None
+    for part, by in ((attempt, entrance), (release, exit_)):
+        if part is not None and not arm.limits.inside(np.array(part.span) + by).all():
+            return None
     attempt = attempt.turned(entrance)
     if release is None:
         return replace(option, attempt=attempt)
-    if not arm.limits.inside(np.array(span(release.q, release.lift, release.leave)) + exit_).all():
-        return None
     release = release.turned(exit_)
     transfer = float(least_times(release.entrance - attempt.exit, Bounds.of(arm.limits, arm.joint_names)))
     return replace(option, attempt=attempt, release=release, transfer=transfer)

@@ -14,7 +14,7 @@ from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import CubicPath
-from pinproof.picks import DOWN, SUPPORT_GAP, PickCell, PickSetup, PickTask, support_names
+from pinproof.picks import PickSetup, PickTask, support_names, supports_below
 from pinproof.spatial import Array
 
 Pair = tuple[int, int]
@@ -156,8 +156,7 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
             if key not in hands:
                 # the open hand, and the part in the closed hand, among all parts before and after
                 alone = setup.checker.with_scene(Scene(() if job.before is None else (job.before,)))
-                cell = PickCell(alone, setup.shared, setup.home, setup.weights, setup.budget)
-                task = PickTask(replace(pick, place=None, support=None), cell)
+                task = PickTask(replace(pick, place=None, support=None), replace(setup.cell, checker=alone))
                 closed = None
                 if job.places:
                     held = replace(task.holding(member), name=CARRIED)
@@ -223,13 +222,7 @@ def _touched(checker: CollisionChecker, q: Array) -> set[str]:
 
 
 def _supports(carrying: CollisionChecker, q: Array, support: str | Sequence[str] | None) -> set[str]:
-    """What the carried part rests on at q (n,); see :meth:`pinproof.picks.judging.task.PickTask.supports`."""
+    """What the carried part rests on at q (n,): the stated supports, and those below it."""
     names = set(support_names(support) or ())
     names |= {f"{name}{AT_PLACE}" for name in names}
-    near = carrying.with_margin(max(SUPPORT_GAP, carrying.margin))
-    for contact in near.check(q).contacts:
-        if CARRIED in contact.bodies and contact.distance <= SUPPORT_GAP:
-            first = contact.bodies[0] == CARRIED
-            if (1 if first else -1) * contact.normal[2] < DOWN:
-                names.add(contact.bodies[1] if first else contact.bodies[0])
-    return names & set(carrying.scene.names)
+    return (names & set(carrying.scene.names)) | set(supports_below(carrying, q, CARRIED))

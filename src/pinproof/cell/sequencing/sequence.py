@@ -31,6 +31,7 @@ from pinproof.cell.sequencing.transits import (
 from pinproof.cell.sequencing.windings import home_of_budgeted, refuse_small_budgets, within_windings, wound
 from pinproof.collision import Scene
 from pinproof.common.structs import key, struct
+from pinproof.common.validation import refuse_repeated, require_number, require_type
 from pinproof.errors import InputError, NoAnswer, RunInterrupted
 from pinproof.motion import Bounds, Trajectory, least_times
 from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
@@ -110,15 +111,14 @@ def sequence(
     if order is not None:
         names = list(order)
         fixed_order = tuple(pairs.index(name, "the order") for name in names)
-        missing = [name for name in pairs.names if name not in names]
-        doubled = sorted({name for name in names if names.count(name) > 1})
-        if missing or doubled:
-            wrong = f"lacks {', '.join(missing)}" if missing else f"repeats {', '.join(doubled)}"
-            raise InputError(f"the order {wrong}; it must name every pick once")
+        refuse_repeated("the order", names)
+        if missing := [name for name in pairs.names if name not in names]:
+            raise InputError(f"the order lacks {', '.join(missing)}; it must name every pick once")
     budget = budget or SequenceBudget()
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     limited = within_windings(setup, windings)
-    dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
+    rests = {"grip_dwell": grip_dwell, "release_dwell": release_dwell}
+    dwell = tuple(require_number(name, seconds, "s", minimum=0) for name, seconds in rests.items())
     ends = _configuration(limited, start, "start"), _configuration(limited, end, "end")
     with Runner(executor=executor, workers=workers, progress=progress) as runner:
         run = SequenceRun(limited, setup, given, pairs, ends, dwell, budget, runner, fixed_order)
@@ -163,25 +163,15 @@ def judge_options(setup: PickSetup, picks: Iterable[Pick], budget: SequenceBudge
 
 
 def _checked(setup: PickSetup, picks: Iterable[Pick]) -> tuple[Pick, ...]:
-    if not isinstance(setup, PickSetup):
-        raise InputError(f"setup is a {type(setup).__name__}; expected pinproof.picks.PickSetup")
+    require_type("setup", setup, PickSetup)
     setup.shared.refuse_conveyor("the order of picks")
     given = tuple(picks)
     for index, pick in enumerate(given):
-        if not isinstance(pick, Pick):
-            raise InputError(f"picks[{index}] is a {type(pick).__name__}; expected pinproof.Pick")
-    names = [pick.name for pick in given]
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
+        require_type(f"picks[{index}]", pick, Pick)
+    refuse_repeated("picks", (pick.name for pick in given))
     if not given:
         raise InputError("there are no picks to put in sequence")
     return given
-
-
-def _dwell(name: str, value: float) -> float:
-    if not (isinstance(value, int | float) and 0 <= value < float("inf")):
-        raise InputError(f"{name} = {value!r}; it must be a number of seconds, 0 or more")
-    return float(value)
 
 
 def _configuration(setup: PickSetup, end: End, what: str) -> Array | None:

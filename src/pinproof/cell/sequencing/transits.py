@@ -21,7 +21,6 @@ from pinproof.picks import (
     Member,
     MotionPart,
     Pick,
-    PickCell,
     PickMotion,
     PickSetup,
     PickStatus,
@@ -33,6 +32,7 @@ from pinproof.picks import (
     Stage,
     StageResult,
     motion_parts,
+    part_of,
     peaks_of,
     prove_part,
     rate_limits,
@@ -93,80 +93,53 @@ class StepMotions:
 
     def certified(self, step: SequencedPick) -> PickVerdict | MotionFailure:
         """The certified motions of a step, or the reason of the failure."""
-        setup, option = self.setup, step.option
-        q, before = step.q, list[PickMotion]()
+        setup, option, known = self.setup, step.option, step.known
+        q, motions = step.q, list[PickMotion]()
         if step.other_tool is not None:
             # The arm brings the tool of the pick before to its home, where the tools are changed
-            back = closing_motion(setup, step.scene, q, setup.home, step.known, step.other_tool, "return")
+            back = closing_motion(setup, step.scene, q, setup.home, known, step.other_tool, "return")
             if isinstance(back, MotionFailure):
                 return back
-            q, before = setup.home, [back]
-        cell = PickCell(setup.checker.with_scene(step.scene), setup.shared, q, setup.weights, setup.budget)
-        task = PickTask(option.pick, cell)
+            q, motions = setup.home, [back]
+        task = PickTask(option.pick, replace(setup.cell, checker=setup.checker.with_scene(step.scene), home=q))
+        member, place, joints = option.attempt.candidate.member, task.place, task.arm.joint_names
         seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
-        carrying = task.carrying(option.attempt.candidate.member)
+        carrying, release = task.carrying(member), option.release
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, option.pick.support))
-        release = option.release
-        if release is not None and task.place is not None:
-            release = replace(release, parting=task.supports(carrying, release.q, task.place.support))
+        # Transit and transfer: the known motions if they are proven free in this scene, else new paths
+        again = {name: _again(part_of(task, member, name), known) for name in ("transit", "transfer")}
+        path, placing = JointPath(np.array([attempt.entrance]), joints), None
+        if again["transit"] is None:
+            crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
+            if crossing.path is None:
+                return MotionFailure("transit", crossing.result.message)
+            path = crossing.path
+        if release is not None and place is not None:
+            release = replace(release, parting=task.supports(carrying, release.q, place.support))
+            transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
+            if again["transfer"] is None:
+                result, made = Placer(task, seeds[0]).transfer(place, attempt, release, seeds[2:])
+                if made is None:
+                    return MotionFailure("transfer", result.message)
+                transfer = made.transfer
+            placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
+        # Every part is timed and certified; what is in contact first is named where that fails
         try:
-            return _parts(task, attempt, release, seeds, step.known, before)
+            for part in motion_parts(task, attempt, path, placing, separate=True):
+                motion = again.get(part.name) or _again(part, known)
+                if motion is None:
+                    motion, why = time_part(task, part, attempt)
+                    if motion is None:
+                        limits = part.checker.arm.limits
+                        timed = Trajectory.join(*(time_parametrise(curve, limits) for curve in part.curves))
+                        contact = prove_part(part, timed).first_contact
+                        return MotionFailure(part.name, why, () if contact is None else contact.bodies)
+                motions.append(motion)
         except TimingError as error:
             return MotionFailure("timing", str(error))
-
-
-def _parts(
-    task: PickTask,
-    attempt: Attempt,
-    release: Release | None,
-    seeds: list[int],
-    known: Mapping[str, Trajectory],
-    before: Sequence[PickMotion],
-) -> PickVerdict | MotionFailure:
-    joints, member = task.arm.joint_names, attempt.candidate.member
-    # transit and transfer: the known motions if they are proven free in this scene, else new paths
-    arrive = _again(_part(task, member, "transit"), known)
-    path = JointPath(np.array([attempt.entrance]), joints)
-    if arrive is None:
-        crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
-        if crossing.path is None:
-            return MotionFailure("transit", crossing.result.message)
-        path = crossing.path
-    placing, across = None, None
-    if release is not None and task.place is not None:
-        across = _again(_part(task, member, "transfer"), known)
-        transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
-        if across is None:
-            result, made = Placer(task, seeds[0]).transfer(task.place, attempt, release, seeds[2:])
-            if made is None:
-                return MotionFailure("transfer", result.message)
-            transfer = made.transfer
-        placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
-    # every part is timed and certified; what is in contact first is named where that fails
-    motions = list(before)
-    for part in motion_parts(task, attempt, path, placing, separate=True):
-        motion = {"transit": arrive, "transfer": across}.get(part.name) or _again(part, known)
-        if motion is None:
-            motion, why = time_part(task, part, attempt)
-            if motion is None:
-                limits = part.checker.arm.limits
-                timed = Trajectory.join(*(time_parametrise(curve, limits) for curve in part.curves))
-                contact = prove_part(part, timed).first_contact
-                return MotionFailure(part.name, why, () if contact is None else contact.bodies)
-        motions.append(motion)
-    joined = Trajectory.join(*(motion.trajectory for motion in motions))
-    grip = None if task.name is None else task.grip(member)
-    good = PickVerdict(
-        task.pick, PickStatus.GOOD, (), 1, attempt.q, joined, 0.0, None, tuple(motions), member=member.words, grip=grip
-    )  # fmt: skip
-    return _with_motions(good, motions)
-
-
-def _part(task: PickTask, member: Member, name: str) -> MotionPart:
-    """The conditions of a transit or a transfer."""
-    if name == "transit":
-        return MotionPart(name, (), task.before(member))
-    return MotionPart(name, (), task.carrying(member), constraints=task.constraints(member))
+        grip = None if task.name is None else task.grip(member)
+        good = PickVerdict(task.pick, PickStatus.GOOD, (), 1, attempt.q, member=member.words, grip=grip)
+        return _with_motions(good, motions)
 
 
 def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | None:
@@ -231,21 +204,19 @@ class LongMotions:
 
     def shorter(self, scene: Scene, verdict: PickVerdict, names: Sequence[str]) -> PickVerdict:
         """The verdict with the shortest motions of these names that were found."""
-        setup = self.setup
-        cell = PickCell(setup.checker.with_scene(scene), setup.shared, setup.home, setup.weights, setup.budget)
-        task = PickTask(verdict.pick, cell)
+        checker = self.setup.checker.with_scene(scene)
+        task = PickTask(verdict.pick, replace(self.setup.cell, checker=checker))
         member = next(m for group in task.groups() for m in group if m.words == verdict.member)
         motions = [
-            _searched(task, member, motion, _part(task, member, motion.name)) if motion.name in names else motion
+            _searched(task, member, motion) if motion.name in names else motion
             for motion in verdict.motions
         ]
         return _with_motions(verdict, motions)
 
 
-def _searched(task: PickTask, member: Member, motion: PickMotion, part: MotionPart) -> PickMotion:
+def _searched(task: PickTask, member: Member, motion: PickMotion) -> PickMotion:
     """The shortest motion of several searches, which start from the path of the given one."""
-    best, limits = motion, task.arm.limits
-    moved = motion.trajectory
+    best, moved, limits, part = motion, motion.trajectory, task.arm.limits, part_of(task, member, motion.name)
     least = _least(moved, limits)
     rates = rate_limits(task, member, part.name, part.checker)
     # points of the motion, through which the searches start

@@ -20,7 +20,7 @@ from pinproof.common.structs import OPTIONAL_NUMBER, TEXT, key, struct
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
-from pinproof.picks import Attempt, PickSetup, Release, check_windings, span
+from pinproof.picks import Attempt, PickSetup, Release, check_windings
 from pinproof.spatial import Array
 
 TURN = 2 * np.pi
@@ -112,37 +112,20 @@ def wound(arm: Arm, home: Array, jobs: Sequence[Job], windings: Mapping[str, flo
 
     def turns(part: Attempt | Release) -> list[Array]:
         """(n,) the full rotations that can be added to the lines of a grasp or a release; none is one of them."""
-        low, high = span_of(part)
-        ranges = []
-        for j in joints:
-            fewest, most = (
-                np.ceil((arm.limits.lower[j] - low[j]) / TURN),
-                np.floor((arm.limits.upper[j] - high[j]) / TURN),
-            )
-            ranges.append(sorted({0.0, *np.arange(fewest, most + 1).tolist()}))
-        shifts = []
-        for chosen in product(*ranges):
-            shifts.append(np.zeros(arm.dof))
-            shifts[-1][joints] = TURN * np.array(chosen)
-        return shifts
+        low, high = part.span
+        fewest, most = np.ceil((arm.limits.lower - low) / TURN), np.floor((arm.limits.upper - high) / TURN)
+        chosen = product(*(sorted({0.0, *np.arange(fewest[j], most[j] + 1).tolist()}) for j in joints))
+        return [TURN * np.array(numbers) @ np.eye(arm.dof)[joints] for numbers in chosen]
 
     def variants(option: PickOption) -> list[PickOption]:
         release = option.release
         pairs = product(turns(option.attempt), [np.zeros(arm.dof)] if release is None else turns(release))
         found = [one for pick, put in pairs if (one := rotated(arm, option, pick, put)) is not None]
         # of equal ones, the search for the order takes the first: that with the least rotation from home
-        return sorted(found, key=lambda one: (one.transfer, float(np.abs(one.exit - home)[joints].max())))[
-            :MOST_ROTATIONS
-        ]
+        found.sort(key=lambda one: (one.transfer, float(np.abs(one.exit - home)[joints].max())))
+        return found[:MOST_ROTATIONS]
 
     return [replace(job, options=tuple(one for option in job.options for one in variants(option))) for job in jobs]
-
-
-def span_of(part: Attempt | Release) -> tuple[Array, Array]:
-    """Bounds (n,) of every joint on the lines of a grasp or of a release."""
-    if isinstance(part, Attempt):
-        return span(part.q, part.approach, part.retreat)
-    return span(part.q, part.lift, part.leave)
 
 
 def refuse_small_budgets(setup: PickSetup, free: Job) -> None:
@@ -156,7 +139,7 @@ def refuse_small_budgets(setup: PickSetup, free: Job) -> None:
         need = np.zeros(len(joints))
         for part in parts:
             # the rotation at which the larger of the two ends is smallest
-            low, high = (bound[joints] - setup.home[joints] for bound in span_of(part))
+            low, high = (bound[joints] - setup.home[joints] for bound in part.span)
             turn = TURN * np.rint((low + high) / 2 / TURN)
             need = np.maximum(need, np.maximum(np.abs(low - turn), np.abs(high - turn)))
         needs.append(need)

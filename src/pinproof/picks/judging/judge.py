@@ -61,7 +61,6 @@ from pinproof.picks.judging.lines import (
     control_points,
     full_rotations,
     may_approach,
-    span,
     transit,
 )
 from pinproof.picks.judging.place import Placer, PlaceSearch, Placing, Scores
@@ -271,7 +270,7 @@ class BestFirst:
         if not attempt.passed:
             return
         # A complete motion is at most as good as its lines, at any full rotations within the limits
-        arm, (low, high) = task.arm, span(attempt.q, attempt.approach, attempt.retreat)
+        arm, (low, high) = task.arm, attempt.span
         shifts = full_rotations(arm, task.cell.home, attempt)
         distance = attempt.entrance + shifts - task.cell.home
         after = float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])

@@ -56,6 +56,11 @@ class Attempt:
         """(n,) the end of the retreat, or the grasp without a retreat."""
         return self.q if self.retreat is None else self.retreat.end
 
+    @property
+    def span(self) -> tuple[Array, Array]:
+        """Bounds (n,) of every joint on both lines."""
+        return span(self.q, self.approach, self.retreat)
+
     def turned(self, by: Array) -> Attempt:
         """The same with full rotations (n,) added to all configurations."""
         approach, retreat = shifted(self.approach, by), shifted(self.retreat, by)
@@ -241,6 +246,5 @@ def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:
     """(k, n) full rotations (rad) that can be added to an attempt within the limits; zero is the first."""
     entrances, _ = with_turns(arm, home, attempt.entrance[None])
     shifts = entrances - attempt.entrance
-    bounds = np.array(span(attempt.q, attempt.approach, attempt.retreat))
-    inside = arm.limits.inside(bounds[:, None] + shifts).all(axis=0)
+    inside = arm.limits.inside(np.array(attempt.span)[:, None] + shifts).all(axis=0)
     return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -82,6 +82,16 @@ class Release:
         """(n,) the end of the transfer."""
         return self.q if self.lift is None else self.lift.end
 
+    @property
+    def exit(self) -> Array:
+        """(n,) the end of the line after the release."""
+        return self.q if self.leave is None else self.leave.end
+
+    @property
+    def span(self) -> tuple[Array, Array]:
+        """Bounds (n,) of every joint on both lines."""
+        return span(self.q, self.lift, self.leave)
+
     def turned(self, by: Array) -> Release:
         """The same with full rotations (n,) added to all configurations."""
         return replace(self, q=self.q + by, lift=shifted(self.lift, by), leave=shifted(self.leave, by))
@@ -209,9 +219,8 @@ class Placer:
     def goals(self, attempt: Attempt, down: Release) -> Array:
         """(k, n) the full rotations of the lines of a release within the limits; zero if none are."""
         arm = self.task.arm
-        low, high = span(down.q, down.lift, down.leave)
         shifts = with_turns(arm, attempt.exit, down.entrance[None])[0] - down.entrance
-        inside = shifts[arm.limits.inside(np.array([low, high])[:, None] + shifts).all(axis=0)]
+        inside = shifts[arm.limits.inside(np.array(down.span)[:, None] + shifts).all(axis=0)]
         return inside if len(inside) else shifts[:1]
 
     def transfer(
@@ -301,7 +310,7 @@ class PlaceSearch:
     def _bounds(self, down: Release) -> tuple[Array, Array]:
         """The full rotations (k, n) of the lines of a release, and the bounds (k,) of the scores with them."""
         arm, shifts = self._placer.task.arm, self._placer.goals(self._attempt, down)
-        low, high = span(down.q, down.lift, down.leave)
+        low, high = down.span
         seconds = least_times(down.entrance + shifts - self._attempt.exit, arm.limits, full_speed=True)
         margins = limit_margin(arm, low + shifts, high + shifts)
         return shifts, self._scores.bound(down.clearance, seconds, margins, down.lift, down.leave)

@@ -369,6 +369,26 @@ DOWN = -0.5
 """Largest z component of the unit direction from an object to its support: within 60 degrees of straight down."""
 
 
+def supports_below(checker: CollisionChecker, q: Array, name: str) -> tuple[str, ...]:
+    """The obstacles that are close below an object of this name in the hand, held at q (n,), which they support."""
+    found = []
+    for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
+        if name not in contact.bodies or contact.distance > SUPPORT_GAP:
+            continue
+        first = contact.bodies[0] == name
+        other, sign = (contact.bodies[1], 1) if first else (contact.bodies[0], -1)
+        below = sign * contact.normal[2] < DOWN
+        if other in checker.scene and not below:
+            # The facet of a bin that is nearest to the object may belong to a wall instead of the floor
+            owners = ((checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs)
+            pairs = (pair for pair, both in enumerate(owners) if both == (name, other))
+            facets = (directions_to_facets(checker, pair, q, SUPPORT_GAP) for pair in pairs)
+            below = any((directions[:, 2] < DOWN).any() for directions in facets)
+        if other in checker.scene and below:
+            found.append(other)
+    return tuple(dict.fromkeys(found))
+
+
 Owner = TypeVar("Owner", bound=Any)
 More = ParamSpec("More")
 Result = TypeVar("Result")
@@ -753,22 +773,7 @@ class PickTask:
             return ()
         if stated is not None:
             return tuple((self.name, name) for name in support_names(stated) or ())
-        # Without a statement, what is close below the object supports it
-        found = []
-        for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
-            if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
-                first = contact.bodies[0] == self.name
-                other = contact.bodies[1] if first else contact.bodies[0]
-                below = (1 if first else -1) * contact.normal[2] < DOWN
-                if other in checker.scene and not below:
-                    # The facet of a bin that is nearest to the object may belong to a wall instead of the floor
-                    owners = ((checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs)
-                    pairs = (pair for pair, both in enumerate(owners) if both == (self.name, other))
-                    facets = (directions_to_facets(checker, pair, q, SUPPORT_GAP) for pair in pairs)
-                    below = any((directions[:, 2] < DOWN).any() for directions in facets)
-                if other in checker.scene and below:
-                    found.append((self.name, other))
-        return tuple(dict.fromkeys(found))
+        return tuple((self.name, name) for name in supports_below(checker, q, self.name))
 
     def _allowing_hand(self, checker: CollisionChecker, closing: PickCell | None = None) -> CollisionChecker:
         """The checker in which the hand may touch the object, with the swept volumes of the cell of a closing hand."""

@@ -87,7 +87,7 @@ def mesh_file(folder: Path, name: str, mesh: trimesh.Trimesh) -> Path:
 
 
 def piece(folder: Path, mesh: trimesh.Trimesh, unit: str | None = None) -> Workpiece:
-    return Workpiece.read(mesh_file(folder, "part.stl", mesh), most=1.0, unit=unit)
+    return Workpiece.read(mesh_file(folder, "part.stl", mesh), folder, most=1.0, unit=unit)
 
 
 @pytest.fixture(scope="module")
@@ -374,7 +374,9 @@ def test_more_parts_than_the_bin_holds_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["1", "ring#1: a's"])
 def test_names_that_yaml_reads_as_other_values_remain_names(tmp_path: Path, name: str) -> None:
     arm = pp.load_robot("ur5").arm()
-    piece = Workpiece.read(mesh_file(tmp_path, f"{name}.stl", trimesh.creation.box((30, 30, 30))), most=1.0, unit=None)
+    piece = Workpiece.read(
+        mesh_file(tmp_path, f"{name}.stl", trimesh.creation.box((30, 30, 30))), tmp_path, most=1.0, unit=None
+    )
     tool = Tool(cup=pp.picks.SuctionCup(radius=0.005), tip=pp.pose((0, 0, 0.1)))
-    text, _ = _part_type(piece, tool, arm, hand_points(arm, tool), str, 2700.0, 0)
+    text, _ = _part_type(piece, tool, arm, hand_points(arm, tool), 2700.0, 0)
     assert list(yaml.safe_load(text)) == [piece.name]

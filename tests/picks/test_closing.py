@@ -15,7 +15,7 @@ from pinproof.collision import TOUCH
 from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.errors import InputError
 from pinproof.picks import PickSetup, PickTask, Stage
-from pinproof.picks.judging.grip import HeldPart, close_on, fingers_of
+from pinproof.picks.judging.grip import PlacedSurface, close_on, fingers_of
 from pinproof.spatial import SE3
 
 from .conftest import QUICK, figures
@@ -76,7 +76,7 @@ def test_the_second_contact_of_rotating_fingers_is_that_of_dense_samples(pincer,
         "cylinder": (pp.Cylinder(radius=size[0], length=size[1]), coal.Cylinder(size[0], size[1])),
     }[kind]
     placed = pp.pose(at, turn)
-    part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("part", shape)), placed)
+    part = PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("part", shape)), placed)
     found = close_on(fingers_of(pincer, None, {"left_joint": END}), part)
     share, ahead = found.share * END, found.ahead * END
 
@@ -95,7 +95,9 @@ def test_the_second_contact_of_rotating_fingers_is_that_of_dense_samples(pincer,
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(width=st.floats(0.005, 0.045), off=st.floats(-0.002, 0.002))
 def test_straight_fingers_close_to_the_width_of_the_part_and_twice_its_offset(arm, width: float, off: float) -> None:
-    block = HeldPart(LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.02, width, 0.04))), pp.pose((0, off, 0.14)))
+    block = PlacedSurface(
+        LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.02, width, 0.04))), pp.pose((0, off, 0.14))
+    )
     found = close_on(fingers_of(arm, replace(fingers(), grip=None), {}), block)
     opening = fingers().opening
     assert abs((1 - found.share) * opening - (width - 2 * abs(off))) <= 4 * TOUCH

@@ -19,8 +19,8 @@ from pinproof.picks.judging.grip import (
     FLAT,
     SAGITTA,
     SAMPLED,
-    HeldPart,
     MovingFinger,
+    PlacedSurface,
     _earlier_contact,
     _hull,
     fingers_of,
@@ -112,7 +112,7 @@ def test_rotating_fingers_hold_a_part_between_their_pads(pincer) -> None:
     _, inner, height = bodies(pincer, closed)["left_pad"].act(np.array([0, 0, 0.02])) - [0, 0.006, 0]
     for width, held in ((2 * inner, True), (2 * inner + 0.008, False), (2 * inner - 0.008, False)):
         block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, width, 0.02)))
-        part = HeldPart(block, pp.pose((0, 0, height)))
+        part = PlacedSurface(block, pp.pose((0, 0, height)))
         result = grip_by_fingers(found, part, DIRECTION, GripLimits())
         assert result.held is held, result.message
 
@@ -124,7 +124,7 @@ def test_distances_alone_refuse_only_fingers_that_do_not_hold_the_part(pincer) -
     rng, outcomes = np.random.default_rng(4), Counter[tuple[bool, bool]]()
     for _ in range(60):
         block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, 2 * inner + rng.uniform(-0.008, 0), 0.02)))
-        part = HeldPart(block, pp.pose((0, rng.uniform(-0.003, 0.003), height), (rng.uniform(-0.05, 0.05), 0, 0)))
+        part = PlacedSurface(block, pp.pose((0, rng.uniform(-0.003, 0.003), height), (rng.uniform(-0.05, 0.05), 0, 0)))
         limits = GripLimits(gap=rng.uniform(0, 0.003), depth=rng.uniform(0, 0.003), area=1e-7, overlap=1e-4)
         held = grip_by_fingers(found, part, DIRECTION, limits).held
         outcomes[held, too_far_to_hold(found, part, limits)] += 1
@@ -147,7 +147,7 @@ def finger_of(shape: pp.Shape, closed: SE3, direction: np.ndarray, travel: float
     """A body that translates along ``direction`` (3,) by ``travel`` (m) to its closed pose."""
     start = SE3(closed.rotation, closed.translation - travel * direction)
     surface = LineSurface.of_obstacle(pp.Obstacle("finger", shape))
-    return MovingFinger("finger", ((surface, SE3.Identity()),), (start, closed), direction)
+    return MovingFinger("finger", (PlacedSurface(surface, SE3.Identity()),), (start, closed), direction)
 
 
 def test_fingers_that_close_along_an_oblique_approach_touch_the_part_over_the_common_rectangle() -> None:
@@ -158,7 +158,7 @@ def test_fingers_that_close_along_an_oblique_approach_touch_the_part_over_the_co
         along, at = frame[:, 2], rng.uniform(-0.1, 0.1, 3)
         closed = {side: SE3(frame, at - side * 0.02 * along) for side in (1.0, -1.0)}
         pads = [finger_of(pp.Box(0.02, 0.04, 0.01), pose, side * along, 0.02) for side, pose in closed.items()]
-        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, 0.03, 0.03))), SE3(frame, at))
+        part = PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, 0.03, 0.03))), SE3(frame, at))
         result = grip_by_fingers(pads, part, along, GripLimits())
         assert result.held, result.message
         for contact in result.contacts:
@@ -174,19 +174,18 @@ def test_a_contact_before_that_of_the_lines_is_where_two_spheres_meet() -> None:
         travel, (own, other) = rng.uniform(0.02, 0.08), rng.uniform(0.005, 0.02, 2)
         at, middle = rng.uniform(-0.02, 0.02, (2, 3))
         finger = finger_of(pp.Sphere(own), SE3(np.eye(3), at), direction, travel)
-        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("ball", pp.Sphere(other))), SE3(np.eye(3), middle))
+        part = PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("ball", pp.Sphere(other))), SE3(np.eye(3), middle))
         # |at + s direction - middle| = own + other
         half, rest = direction @ (at - middle), (at - middle) @ (at - middle) - (own + other) ** 2
         root = half**2 - rest
         touch = -half - np.sqrt(root) if root > 0 else np.inf
         if touch < -travel + 1e-4 or abs(touch) < 1e-4 or abs(root) < 1e-5:
             continue  # in contact at the start, or hardly at all
-        (surface, placed) = finger.surfaces[0]
-        found = _earlier_contact(np.inf, surface, finger.closed * placed, part, finger)
+        found = _earlier_contact(np.inf, finger.surfaces[0], part, finger)
         assert found == (pytest.approx(touch, abs=1e-4) if touch < 0 else np.inf)
         if touch < 0:
             met += 1
-            assert _earlier_contact(touch - 1e-3, surface, finger.closed * placed, part, finger) == np.inf
+            assert _earlier_contact(touch - 1e-3, finger.surfaces[0], part, finger) == np.inf
     assert met > 5
 
 
@@ -204,7 +203,7 @@ def test_no_random_grasp_is_called_held_that_does_not_hold(arms) -> None:
     for index in range(COUNT):
         rng = np.random.default_rng([7, index])
         grasp = oracle.random_grasp(rng)
-        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("part", grasp.shape)), grasp.pose)
+        part = PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("part", grasp.shape)), grasp.pose)
         found = grip_by_fingers(grasp.moving(arms["ur5"]), part, DIRECTION, oracle.LIMITS)
         truth, by = oracle.judge(grasp, rng)
         seen[truth] += 1
@@ -257,7 +256,7 @@ def test_contacts_below_a_limit_by_any_amount_are_refused(kind, arms) -> None:
         area, extent = true_contact(kind, shape, turn, offset)
         pads = [pp.Obstacle(f"finger_{k}", pp.Box(*PAD), pp.pose((0, s * PAD[1] / 2, 0))) for k, s in ((1, 1), (2, -1))]
         hand = pp.picks.GripperFingers(tuple(pads), opening=width + 0.01, grip=width)
-        part = HeldPart(LineSurface.of_obstacle(pp.Obstacle("part", shape)), SE3(turn, offset))
+        part = PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("part", shape)), SE3(turn, offset))
         moving = fingers_of(arms["ur5"], hand, {})
 
         def held(part=part, moving=moving, **limits: float) -> bool:

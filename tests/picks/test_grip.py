@@ -15,7 +15,7 @@ from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.common.least_squares import non_negative_shares
 from pinproof.picks import GripLimits, GripperFingers, PickBudget, PickSetup, PlaceTarget, Stage, SuctionCup
 from pinproof.picks.judging import grip
-from pinproof.picks.judging.grip import HeldPart, balanced, grip_by_cup
+from pinproof.picks.judging.grip import PlacedSurface, balanced, grip_by_cup
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import StageResult
@@ -293,8 +293,8 @@ def test_a_grasp_far_from_its_object_gets_a_hint_on_its_frame(arm, xyz, frame: s
 # -- suction cups -----------------------------------------------------------------------------------------------------
 
 
-def part_of(shape: pp.Shape, at: SE3 | None = None) -> HeldPart:
-    return HeldPart(LineSurface.of_obstacle(pp.Obstacle("part", shape)), SE3.Identity() if at is None else at)
+def part_of(shape: pp.Shape, at: SE3 | None = None) -> PlacedSurface:
+    return PlacedSurface(LineSurface.of_obstacle(pp.Obstacle("part", shape)), SE3.Identity() if at is None else at)
 
 
 def above(z: float, x: float = 0.0, tilt: float = 0.0) -> SE3:

@@ -11,7 +11,7 @@ import trimesh
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
 from pinproof.picks import GripLimits, PickStatus, Stage, SuctionCup
-from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult, HeldPart, grip_by_cup
+from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult, PlacedSurface, grip_by_cup
 from pinproof.picks.judging.hold import RESERVE, hold_limits, with_inertia
 
 from .conftest import DOWN, QUICK, cell_of, figures, judge_in
@@ -161,7 +161,7 @@ def test_vacuum_of_a_tilted_cup_pulls_along_the_normal_of_the_surface(arms, tilt
     cup, turn = SuctionCup(radius=0.01, gap=2e-3, force=20.0, friction=0.3), pp.pose((0, 0, 0), (tilt, 0, 0))
     block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.1, 0.1, 0.04)))
     at = turn * pp.pose((0, 0, 0.02))
-    grip = grip_by_cup(cup, pp.pose((0, 0, 0)), HeldPart(block, at))
+    grip = grip_by_cup(cup, pp.pose((0, 0, 0)), PlacedSurface(block, at))
     assert grip.held
     pick = pp.Pick("block", pp.pose((0, 0, 0)), carried="block", payload=pp.Payload(0.1))
     limits = hold_limits(pick, pp.Picks((), cup=cup), grip, at, arms["ur5"], block)

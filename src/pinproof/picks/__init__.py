@@ -41,12 +41,12 @@ from pinproof.picks.input.sources import (
     open_picks as open_picks, read_picks as read_picks,
 )  # fmt: skip
 from pinproof.picks.input.tools import Hand as Hand, HandValues as HandValues, Tool as Tool
-from pinproof.picks.judging.configurations import TURN as TURN
+from pinproof.picks.judging.configurations import TURN as TURN, limit_margin as limit_margin
 from pinproof.picks.judging.grasp import (
     GraspCandidate as GraspCandidate, PickCheck as PickCheck, reach as reach, screen as screen,
 )  # fmt: skip
 from pinproof.picks.judging.grip import (
-    CupContact as CupContact, FingerContact as FingerContact, GripResult as GripResult,
+    CupContact as CupContact, FingerContact as FingerContact, GripResult as GripResult, PlacedSurface as PlacedSurface,
 )  # fmt: skip
 from pinproof.picks.judging.judge import judge as judge
 from pinproof.picks.judging.lines import Attempt as Attempt, along as along, shortened as shortened, transit as transit

@@ -15,8 +15,8 @@ import pinproof as pp
 from pinproof.common.files import read_yaml
 from pinproof.errors import InputError, PicksError
 from pinproof.picks import Tool, propose_grasps
-from pinproof.picks.grasps.hand_maps import HandMaps, corners
-from pinproof.picks.judging.grip import HeldPart, fingers_of, grip_by_cup, grip_by_fingers
+from pinproof.picks.grasps.hand_maps import HandMaps
+from pinproof.picks.judging.grip import PlacedSurface, fingers_of, grip_by_cup, grip_by_fingers
 from pinproof.picks.judging.hand import depths_at_grasp, hand_bodies
 from pinproof.spatial import SE3
 
@@ -57,7 +57,7 @@ def test_every_proposal_passes_the_grip_stage(found, arms, name: str) -> None:
         grip = each.grasp.fingers["grip"]
         closed = pp.picks.GripperFingers(tool.fingers.bodies, opening=own.OPENING, grip=grip)
         moving = fingers_of(arms["ur5"], closed, {})
-        part = HeldPart(proposals.part.surface, each.grasp.pose.inverse())
+        part = PlacedSurface(proposals.part.surface, each.grasp.pose.inverse())
         result = grip_by_fingers(moving, part, np.array([0.0, 0.0, 1.0]), tool.grip_limits)
         assert result.held, (each.words, result.message)
         depths = depths_at_grasp(palm, moving, part, np.array([0.0, 0.0, -1.0]), tool.grip_limits.depth)
@@ -71,7 +71,7 @@ def test_sheet_is_grasped_by_fingers_that_close_completely(arms, thickness: floa
     assert min(each.width for each in proposals) == pytest.approx(thickness, abs=1e-5)
     for each in proposals:
         moving = fingers_of(arms["ur5"], replace(tool.fingers, grip=each.grasp.fingers["grip"]), {})
-        part = HeldPart(proposals.part.surface, each.grasp.pose.inverse())
+        part = PlacedSurface(proposals.part.surface, each.grasp.pose.inverse())
         assert grip_by_fingers(moving, part, np.array([0.0, 0.0, 1.0]), tool.grip_limits).held
 
 
@@ -129,7 +129,7 @@ def test_fingers_on_an_arc_are_mapped_where_they_reach_farthest() -> None:
     arm = pp.load_robot(PINCER).arm(tcp="hand", held={"left_joint": -0.6})
     hand = HandMaps.of(Tool(grip={"left_joint": 0.5}), arm)
     shares = np.linspace(0.0, 1.0, 12)
-    ends = [max(corners(body)[:, 2].max() for body in hand.fingers_at(share)) for share in shares]
+    ends = [max(body.points[:, 2].max() for body in hand.fingers_at(share)) for share in shares]
     assert max(ends) > max(ends[0], ends[-1]) + 5e-3
     assert hand.fingers.grid.middles()[:, 1].max() + hand.fingers.grid.step > max(ends)
 
@@ -191,7 +191,7 @@ def test_every_cup_seals_away_from_edges(name: str) -> None:
         return
     found = propose_grasps(mesh, vacuum(), count=20)
     for each in found:
-        part = HeldPart(found.part.surface, each.grasp.pose.inverse())
+        part = PlacedSurface(found.part.surface, each.grasp.pose.inverse())
         assert grip_by_cup(CUP, SE3.Identity(), part).held
         # by trimesh: the surface continues beyond the rim, in its plane
         angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)

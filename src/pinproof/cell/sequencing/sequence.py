@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -117,8 +118,8 @@ def sequence(
     budget = budget or SequenceBudget()
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     limited = within_windings(setup, windings)
-    rests = {"grip_dwell": grip_dwell, "release_dwell": release_dwell}
-    dwell = tuple(require_number(name, seconds, "s", minimum=0) for name, seconds in rests.items())
+    rest = partial(require_number, unit="s", minimum=0)
+    dwell = rest("grip_dwell", grip_dwell), rest("release_dwell", release_dwell)
     ends = _configuration(limited, start, "start"), _configuration(limited, end, "end")
     with Runner(executor=executor, workers=workers, progress=progress) as runner:
         run = SequenceRun(limited, setup, given, pairs, ends, dwell, budget, runner, fixed_order)

@@ -17,7 +17,6 @@ from pinproof.common.structs import described, key
 from pinproof.errors import TimingError
 from pinproof.motion import BlendedPath, Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
 from pinproof.picks import (
-    Attempt,
     Member,
     MotionPart,
     Pick,
@@ -28,7 +27,6 @@ from pinproof.picks import (
     PickVerdict,
     Placer,
     Placing,
-    Release,
     Stage,
     StageResult,
     motion_parts,
@@ -207,10 +205,7 @@ class LongMotions:
         checker = self.setup.checker.with_scene(scene)
         task = PickTask(verdict.pick, replace(self.setup.cell, checker=checker))
         member = next(m for group in task.groups() for m in group if m.words == verdict.member)
-        motions = [
-            _searched(task, member, motion) if motion.name in names else motion
-            for motion in verdict.motions
-        ]
+        motions = [_searched(task, member, motion) if motion.name in names else motion for motion in verdict.motions]
         return _with_motions(verdict, motions)
 
 

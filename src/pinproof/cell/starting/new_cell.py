@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import textwrap
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,12 +13,12 @@ import numpy as np
 import yaml
 
 from pinproof.cell.starting import station
-from pinproof.cell.starting.workpieces import MOST_BIN, MOST_PART, RestingPose, Workpiece, arrange, free_floor
+from pinproof.cell.starting.workpieces import MOST_BIN, MOST_PART, RestingPose, Workpiece, arrange, free_floor, relative
 from pinproof.collision import CollisionChecker, Mesh, Scene, sample_overlaps
 from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import plain
-from pinproof.common.validation import require_integer, require_positive
+from pinproof.common.validation import refuse_repeated, require_integer, require_positive
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import TorqueLimits
@@ -179,7 +177,7 @@ def new_cell(
         If the robot has no collision geometry, the hand does not grasp a part, the arm cannot hold it, the parts do not
         fit into the bin, or no area or home is found; also for the reasons of :meth:`pinproof.Robot.arm`.
     """
-    folder, robot = Path(folder), str(robot)
+    folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FileError(folder, "exists and is not an empty folder; choose another with -o (folder=)")
     if not parts:
@@ -190,71 +188,28 @@ def new_cell(
     made = folder.parent / f".{folder.name}.partial"
     shutil.rmtree(made, ignore_errors=True)
     made.mkdir(parents=True)
-
-    def relative(path: str | Path) -> str:
-        return Path(os.path.relpath(Path(path).resolve(), made.resolve())).as_posix()
-
     try:
-        # The robot with the tool of a file, or with its own hand
-        is_name, own = not Path(robot).suffix and "/" not in robot, Tool() if tool is None else Tool.load(tool)
-        folders, arguments = tuple(map(Path, package_dirs)), dict(xacro_args or {})
-        stated = {
-            "robot": robot, "srdf": srdf, "package_dirs": folders, "xacro_args": arguments,
-            "calibration": calibration, "tcp": tcp or own.tcp,
-        }  # fmt: skip
-        arm = replace(own, **stated).load_arm()  # type: ignore[arg-type]
-        if not arm.robot.urdf.collisions:
-            what = f"robot {arm.robot.name!r} has no collision geometry, so nothing can be proven of its motions"
-            raise InputError(f"{what}; add <collision> to the links of its URDF")
-        if srdf is None and not is_name and arm.robot.srdf.path is None:
-            sample_overlaps(arm.robot).save_srdf(made / "robot.srdf")
-            stated["srdf"] = srdf = made / "robot.srdf"
-        pieces = [Workpiece.read(path, most=MOST_PART, unit=unit) for path in parts]
-        if doubled := [name for name, times in Counter(piece.name for piece in pieces).items() if times > 1]:
-            raise InputError(f"two meshes are named {doubled[0]!r}, but the names of parts differ; rename a file")
-        box = None if bin is None else Workpiece.read(bin, most=MOST_BIN, unit=unit)
-        files = {
-            "robot": robot if is_name else relative(robot),
-            "srdf": srdf and relative(srdf),
-            "package_dirs": [relative(each) for each in folders],
-            "xacro_args": arguments,
-            "calibration": calibration and relative(calibration),
-            "tcp": arm.tcp,
-        }
-        head = "".join(f"{key}: {_flow(value)}\n" for key, value in files.items() if value)
-        hand = station.OwnHand({}, {}, 0.0)
-        if tool is None:
-            hand = station.recognise_hand(arm, min(piece.narrowest for piece in pieces))
-            lines = "".join(f"{_comment(hand.why[key])}{key}: {_flow(value)}\n" for key, value in hand.keys.items())
-            write_text_whole(made / "tool.yaml", f"{HEAD.format('')}{head}{lines}")
-            own = Tool.load(made / "tool.yaml")
-        own = replace(own, **{**stated, "tcp": arm.tcp})  # type: ignore[arg-type]
+        # The parts, and the robot with the tool of a file or with its own hand
+        own = Tool() if tool is None else Tool.load(tool)
+        stated: dict[str, Any] = {"robot": str(robot), "srdf": srdf, "calibration": calibration, "tcp": tcp or own.tcp}
+        own = replace(own, package_dirs=tuple(map(Path, package_dirs)), xacro_args=dict(xacro_args or {}), **stated)
+        pieces = [Workpiece.read(path, made, most=MOST_PART, unit=unit) for path in parts]
+        refuse_repeated("parts, which are those of their files,", (piece.name for piece in pieces))
+        box = None if bin is None else Workpiece.read(bin, made, most=MOST_BIN, unit=unit)
+        own, head, hand = _with_hand(own, tool is None, min(piece.narrowest for piece in pieces), made)
         arm = own.load_arm()
-
         # The part types with their grasps, and where the parts lie
         points = station.hand_points(arm, own)
-        types = [_part_type(piece, own, arm, points, relative, density, rng) for piece in pieces]
+        types = [_part_type(piece, own, arm, points, density, rng) for piece in pieces]
         chosen = [
             (f"{piece.name}_{number + 1}", piece, rests[number % len(rests)])
             for number in range(count)
             for piece, (_, rests) in zip(pieces, types, strict=True)
         ]
         layout = _lay_out(chosen, GAP + hand.opening / 2, box, rng)
-        area, home, why, lift = _settle(arm, own, layout, box, made / "scene.yaml", relative, rng)
-        named = dict(zip(arm.joint_names, home.tolist(), strict=True))
-        text = f"{HEAD.format('; each comment states what was recognised or assumed')}{head}scene: scene.yaml\n"
-        text += f"{_comment('Assumed: the smallest distance of any two bodies.')}margin: {MARGIN:g}\n"
-        text += f"{_comment(f'Where motions start: {why}.')}home: {_flow(named)}\n"
-        if own.held:
-            text += f"{_comment('The open hand, with which motions start.')}held: {_flow(own.held)}\n"
-        text += f"tools: {{hand: {'tool.yaml' if tool is None else relative(tool)}}}\nparts:\n"
-        text += "".join(part for part, _ in types)
-        ends = {"approach": lift, "retreat": lift}
-        text += f"{_comment('Assumed: the lengths of the straight lines.')}defaults: {_flow(ends)}\n"
-        text += f"{_comment('Each part is put onto the tray, in the pose in which it rests.')}picks:\n"
-        for part in layout.parts:
-            place = {"object_pose": station.stated_pose(area * part.to), **ends}
-            text += f"  - {_flow({'name': part.name, 'part': part.piece.name, 'object': part.name, 'place': place})}\n"
+        settled = _settle(arm, own, layout, box, made / "scene.yaml", rng)
+        hand_file = "tool.yaml" if tool is None else relative(tool, made)
+        text = _picks_text(arm, own, head, hand_file, [text for text, _ in types], layout, settled)
         write_text_whole(made / "picks.yaml", text)
         read_picks(made / "picks.yaml")  # before the folder is moved
         if folder.exists():
@@ -263,31 +218,70 @@ def new_cell(
     finally:
         shutil.rmtree(made, ignore_errors=True)
     picks = read_picks(folder / "picks.yaml")
-    sizes = [piece.described for piece in (*pieces, *([] if box is None else [box]))]
-    return NewCell(
-        folder,
-        arm,
-        picks.load_scene(),
-        picks,
-        home,
-        (*sizes, *(f"{key}: {text}" for key, text in hand.why.items()), f"home: {why}"),
-    )
+    recognised = [piece.described for piece in (*pieces, *([] if box is None else [box]))]
+    recognised += [f"{key}: {text}" for key, text in hand.why.items()]
+    return NewCell(folder, arm, picks.load_scene(), picks, settled.home, (*recognised, f"home: {settled.why}"))
+
+
+def _with_hand(own: Tool, without_file: bool, narrowest: float, made: Path) -> tuple[Tool, str, station.OwnHand]:
+    """The tool with its robot, the keys of the robot as text, and what was recognised of its own hand.
+
+    If the tool was stated ``without_file``, the hand that the robot has is written as one.
+    """
+    arm, robot = own.load_arm(), str(own.robot)
+    if not arm.robot.urdf.collisions:
+        what = f"robot {arm.robot.name!r} has no collision geometry, so nothing can be proven of its motions"
+        raise InputError(f"{what}; add <collision> to the links of its URDF")
+    is_name = not Path(robot).suffix and "/" not in robot
+    if own.srdf is None and not is_name and arm.robot.srdf.path is None:
+        sample_overlaps(arm.robot).save_srdf(made / "robot.srdf")
+        own = replace(own, srdf=made / "robot.srdf")
+    own = replace(own, tcp=arm.tcp)
+    files = {
+        "robot": robot if is_name else relative(robot, made),
+        "srdf": own.srdf and relative(own.srdf, made),
+        "package_dirs": [relative(each, made) for each in own.package_dirs],
+        "xacro_args": own.xacro_args,
+        "calibration": own.calibration and relative(own.calibration, made),
+        "tcp": own.tcp,
+    }
+    head, hand = "".join(f"{key}: {_flow(value)}\n" for key, value in files.items() if value), station.OwnHand()
+    if without_file:
+        hand = station.recognise_hand(arm, narrowest)
+        lines = "".join(f"{_comment(hand.why[key])}{key}: {_flow(value)}\n" for key, value in hand.keys.items())
+        write_text_whole(made / "tool.yaml", f"{HEAD.format('')}{head}{lines}")
+        own = replace(Tool.load(made / "tool.yaml"), **{key: getattr(own, key) for key in files})
+    return own, head, hand
+
+
+def _picks_text(
+    arm: Arm, own: Tool, head: str, hand_file: str, types: Sequence[str], layout: Layout, settled: Settled
+) -> str:
+    """The picks file."""
+    area, home, why, lift = settled
+    named, ends = dict(zip(arm.joint_names, home.tolist(), strict=True)), {"approach": lift, "retreat": lift}
+    text = f"{HEAD.format('; each comment states what was recognised or assumed')}{head}scene: scene.yaml\n"
+    text += f"{_comment('Assumed: the smallest distance of any two bodies.')}margin: {MARGIN:g}\n"
+    text += f"{_comment(f'Where motions start: {why}.')}home: {_flow(named)}\n"
+    if own.held:
+        text += f"{_comment('The open hand, with which motions start.')}held: {_flow(own.held)}\n"
+    text += f"tools: {{hand: {hand_file}}}\nparts:\n{''.join(types)}"
+    text += f"{_comment('Assumed: the lengths of the straight lines.')}defaults: {_flow(ends)}\n"
+    text += f"{_comment('Each part is put onto the tray, in the pose in which it rests.')}picks:\n"
+    for part in layout.parts:
+        place = {"object_pose": station.stated_pose(area * part.to), **ends}
+        text += f"  - {_flow({'name': part.name, 'part': part.piece.name, 'object': part.name, 'place': place})}\n"
+    return text
 
 
 def _part_type(
-    piece: Workpiece,
-    tool: Tool,
-    arm: Arm,
-    hand: tuple[Array, Array],
-    relative: Callable[[Path], str],
-    density: float,
-    rng: int,
+    piece: Workpiece, tool: Tool, arm: Arm, hand: tuple[Array, Array], density: float, rng: int
 ) -> tuple[str, list[RestingPose]]:
     """The part type as text of the picks file, and the poses of rest in which the tool grasps it from above."""
     mass, centre = round(piece.mesh.volume * density, 6), piece.mesh.center_mass.round(6)
     hint = f"or state its unit with --unit (unit=): {piece.described}"
     # The mass, if torques are known for it
-    text, row = f"{piece.described}.", {"mesh": {"path": relative(piece.path), "scale": piece.scale}}
+    text, row = f"{piece.described}.", {"mesh": piece.stated}
     try:
         limits = TorqueLimits(arm, payload := Payload(mass, centre)).limits
         empty, loaded = (np.abs(arm.torques(arm.home, payload=carried)) for carried in (None, payload))
@@ -406,13 +400,17 @@ def _lay_out(
     return Layout(parts, size, (tray_at - half, tray_at + half), table, pose([*(parts_at - middle), -bottom]))
 
 
-def _settle(
-    arm: Arm, tool: Tool, layout: Layout, box: Workpiece | None, file: Path, relative: Callable[[Path], str], rng: int
-) -> tuple[SE3, Array, str, float]:
-    """Put a layout where the arm reaches all of it and has a home, and write the scene file.
+class Settled(NamedTuple):
+    """Where a layout is: ``root_from_area``, the home and the reason for it, and the length of the lines."""
 
-    The result is ``root_from_area``, the home and the reason for it, and the length of the lines.
-    """
+    area: SE3
+    home: Array
+    why: str
+    lift: float
+
+
+def _settle(arm: Arm, tool: Tool, layout: Layout, box: Workpiece | None, file: Path, rng: int) -> Settled:
+    """Put a layout where the arm reaches all of it and has a home, and write the scene file."""
     bare = CollisionChecker(arm, margin=MARGIN, attached=tool.open_tool)
     around = float(np.max([-layout.size / 2 - layout.table[0], layout.table[1] - layout.size / 2]))
     for lift in LIFTS:
@@ -425,10 +423,10 @@ def _settle(
             "(--count, count=), a smaller bin, or another tcp (--tcp, tcp=)"
         )
     # The first area with a home in which the tip reaches every part and its place; otherwise that with most of them
-    best: tuple[SE3, Array, str, float] | None = None
+    best: Settled | None = None
     most, kept = 0, ""
     for area in areas[:TRIED]:
-        text = _scene_text(arm, layout, box, area, relative)
+        text = _scene_text(arm, layout, box, area)
         write_text_whole(file, text)
         scene = Scene.load(file)
         found = station.find_home(bare.with_spec(replace(bare.spec, scene=scene)), tool.tip, area, lift, rng)
@@ -444,7 +442,7 @@ def _settle(
         reached = reach_map(empty, region, tool_orientations(spins=8), tip=tool.tip, rng=rng)
         count = int(reached.free.any(axis=1).sum())
         if count > most:
-            best, most, kept = (area, *found, lift), count, text
+            best, most, kept = Settled(area, *found, lift), count, text
         if most == len(tops):
             break
     if best is None:
@@ -456,9 +454,7 @@ def _settle(
     return best
 
 
-def _scene_text(
-    arm: Arm, layout: Layout, box: Workpiece | None, root_from_area: SE3, relative: Callable[[Path], str]
-) -> str:
+def _scene_text(arm: Arm, layout: Layout, box: Workpiece | None, root_from_area: SE3) -> str:
     """The scene file: floor, table, tray, bin and parts."""
     height, floor = float(root_from_area.translation[2]), float(station.fixed_box(arm)[0][2])
 
@@ -468,8 +464,7 @@ def _scene_text(
         return {"name": name, "box": np.round(sides, 6), **station.stated_pose(middle), "rgba": COLOURS[name]}
 
     def mesh(name: str, piece: Workpiece, at: SE3, colour: Sequence[float]) -> dict[str, Any]:
-        shape = {"path": relative(piece.path), "scale": piece.scale}
-        return {"name": name, "mesh": shape, **station.stated_pose(root_from_area * at), "rgba": colour}
+        return {"name": name, "mesh": piece.stated, **station.stated_pose(root_from_area * at), "rgba": colour}
 
     side = 2 * round(arm.robot.size + 1.0, 1)
     ground = {"box": [side, side, 0.02], "xyz": [0, 0, round(floor - 0.015, 6)], "rgba": COLOURS["floor"]}

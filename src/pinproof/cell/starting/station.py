@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from pinproof.collision import CollisionChecker, LineSurface, body_distance, link_bodies, outer_points
-from pinproof.description import moved_by
+from pinproof.collision import CollisionChecker, LineSurface, body_distance, link_bodies
+from pinproof.description import LinkGeometry, moved_by
 from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import Arm
-from pinproof.picks import ReachRegion, Tool, reach_map, tool_orientations
+from pinproof.picks import PlacedSurface, ReachRegion, Tool, limit_margin, reach_map, tool_orientations
 from pinproof.spatial import SE3, Array, pose, xyz_rpy
 
 LEAST_OPENING, VALUES = 1e-3, 9
@@ -53,25 +54,24 @@ class HandLinks:
         urdf, self.joints = arm.robot.urdf, (*arm.joint_names, *arm.followers)
         self.carrier = moved_by(urdf, arm.tcp, self.joints)
         self.flange = urdf.joints[self.carrier].child
-        self.bodies: dict[str, list[tuple[LineSurface, SE3]]] = {}
+        self.bodies: dict[str, list[PlacedSurface]] = {}
         for geometry in urdf.collisions:
             if moved_by(urdf, geometry.link, self.joints) == self.carrier:
-                own = [(LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "hull")]
-                self.bodies.setdefault(geometry.link, []).extend(own)
+                self.bodies.setdefault(geometry.link, []).extend(_hulls(geometry))
 
-    def placed(self, arm: Arm, link: str) -> list[tuple[LineSurface, SE3]]:
-        """The bodies of a link with ``tcp_from_body``, for an arm with any values of its other joints."""
+    def placed(self, arm: Arm, link: str) -> list[PlacedSurface]:
+        """The bodies of a link in the frame of the tcp, for an arm with any values of its other joints."""
         tcp_from_link = arm.forward_kinematics(arm.home).actInv(arm.frame_placement(arm.home, link))
-        return [(surface, tcp_from_link * at) for surface, at in self.bodies[link]]
+        return [body.moved(tcp_from_link) for body in self.bodies[link]]
 
     def points(self, arm: Arm, links: Iterable[str]) -> Array:
         """(N, 3) points in the frame of the tcp whose hull contains links."""
-        placed = [body for link in links for body in self.placed(arm, link)]
-        return np.concatenate([np.empty((0, 3)), *(_points(*body) for body in placed)])
+        return np.concatenate([np.empty((0, 3)), *(body.points for link in links for body in self.placed(arm, link))])
 
 
-def _points(surface: LineSurface, at: SE3) -> Array:
-    return outer_points(surface) @ at.rotation.T + at.translation
+def _hulls(geometry: LinkGeometry) -> list[PlacedSurface]:
+    """The hulls of the bodies of a link, in the frame of the link."""
+    return [PlacedSurface(LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "hull")]
 
 
 def hand_points(arm: Arm, tool: Tool) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ def hand_points(arm: Arm, tool: Tool) -> tuple[Array, Array]:
     links, joints = HandLinks(arm), arm.robot.urdf.joints
     ends = {name: (joints[name].lower or 0.0, joints[name].upper or 0.0) for name in tool.grip}
     arms = [arm.with_held({name: low + share * (high - low) for name, (low, high) in ends.items()}) for share in SHARES]
-    bodies = [_points(LineSurface.of_obstacle(body), body.pose) for body in tool.open_tool]
+    bodies = [PlacedSurface(LineSurface.of_obstacle(body), body.pose).points for body in tool.open_tool]
     open_hand = np.concatenate([links.points(arm, links.bodies), *bodies])
     every = np.concatenate([open_hand, *(links.points(each, links.bodies) for each in arms)])
     back = tool.tip.inverse()
@@ -89,9 +89,9 @@ def hand_points(arm: Arm, tool: Tool) -> tuple[Array, Array]:
 class OwnHand(NamedTuple):
     """The hand of a robot: keys of a tool file, why they are so, and the largest distance (m) of its fingers."""
 
-    keys: dict[str, Any]
-    why: dict[str, str]
-    opening: float
+    keys: Mapping[str, Any] = MappingProxyType({})
+    why: Mapping[str, str] = MappingProxyType({})
+    opening: float = 0.0
 
 
 def recognise_hand(arm: Arm, narrowest: float) -> OwnHand:
@@ -190,10 +190,8 @@ def fixed_box(arm: Arm) -> tuple[Array, Array]:
     corners = [np.zeros((1, 3))]
     for geometry in arm.robot.urdf.collisions:
         if not moved_by(arm.robot.urdf, geometry.link, turning):
-            for body in link_bodies(geometry, "hull"):
-                for q in arm.limits.sampling_range():
-                    at = arm.root_from_base * arm.frame_placement(q, geometry.link) * body.link_from_body
-                    corners.append(outer_points(LineSurface.of_body(body)) @ at.rotation.T + at.translation)
+            places = [arm.root_from_base * arm.frame_placement(q, geometry.link) for q in arm.limits.sampling_range()]
+            corners += [body.moved(place).points for body in _hulls(geometry) for place in places]
     every = np.concatenate(corners)
     return every.min(axis=0), every.max(axis=0)
 
@@ -255,7 +253,7 @@ def find_home(checker: CollisionChecker, tip: SE3, area: SE3, lift: float, rng: 
     distance of a joint from its limits (1 in the middle), the smallest singular value of the Jacobian, and the
     clearance up to :data:`CLEAR`.
     """
-    arm, limits = checker.arm, checker.arm.limits
+    arm = checker.arm
     if set(arm.joint_names) <= set(arm.robot.home) and checker.is_free(arm.home):
         return arm.home, "that of the robot, which is collision-free in this cell"
     base = arm.root_from_base
@@ -266,13 +264,11 @@ def find_home(checker: CollisionChecker, tip: SE3, area: SE3, lift: float, rng: 
         for height in (0.0, 0.05, 0.1, 0.2, 0.3)
         for turn in tool_orientations(spins=2 * SPINS)
     ]
-    half = (limits.upper - limits.lower) / 2
     best, home = 0.0, None
     for seed in (rng, rng + 1):
         solved = Clik().solve_batch(arm, np.array(targets), rng=seed, accept=checker.is_free)
         for q in solved.q[solved.ok]:
-            margin = np.where(np.isfinite(half), np.minimum(q - limits.lower, limits.upper - q) / half, 1.0)
-            score = float(margin.min()) * arm.singularity(q).smallest * min(checker.clearance(q), CLEAR)
+            score = float(limit_margin(arm, q)) * arm.singularity(q).smallest * min(checker.clearance(q), CLEAR)
             if score > best:
                 best, home = score, q
     return None if home is None else (home.round(4), "found above the parts, far from joint limits and singularities")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -49,19 +50,25 @@ class RestingPose(NamedTuple):
     height: float
 
 
+def relative(path: str | Path, folder: Path) -> str:
+    """A path as a file in a folder states it."""
+    return Path(os.path.relpath(Path(path).resolve(), folder.resolve())).as_posix()
+
+
 @dataclass(frozen=True, eq=False)
 class Workpiece:
-    """A closed mesh in metres, read from a file with a ``scale``."""
+    """A closed mesh in metres, read from a file with a ``scale``; ``stated`` is the mesh as a file states it."""
 
     name: str
     path: Path
     scale: float
+    stated: Mapping[str, Any]
     mesh: trimesh.Trimesh
     described: str
 
     @classmethod
-    def read(cls, path: str | Path, *, most: float, unit: str | None) -> Workpiece:
-        """Read a mesh file; without a unit it is in millimetres if its size exceeds ``most`` (m).
+    def read(cls, path: str | Path, folder: Path, *, most: float, unit: str | None) -> Workpiece:
+        """Read a mesh file for files in a folder; without a unit it is in millimetres if its size exceeds ``most`` (m).
 
         Raises
         ------
@@ -86,7 +93,8 @@ class Workpiece:
             raise MeshError(path, f"{what}. Close it in the CAD program, so that its inside is defined")
         mesh.fix_normals()
         size = " x ".join(f"{side:.4g}" for side in sides)
-        return cls(path.stem.replace(" ", "_"), path, scale, mesh, f"{path.name}: {size}: taken as {word}")
+        stated, name = {"path": relative(path, folder), "scale": scale}, path.stem.replace(" ", "_")
+        return cls(name, path, scale, stated, mesh, f"{path.name}: {size}: taken as {word}")
 
     @cached_property
     def narrowest(self) -> float:

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import LineSurface, outer_points
+from pinproof.collision import LineSurface
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks.judging.grip import MovingFinger, fingers_of
+from pinproof.picks.judging.grip import MovingFinger, PlacedSurface, fingers_of
 from pinproof.picks.judging.hand import FACE, hand_bodies
 from pinproof.spatial import SE3, Array
 
@@ -36,9 +36,6 @@ PAD_FLATNESS = 2e-4
 """Metres: the inner face of a finger belongs to its pad where it is recessed by no more than this."""
 
 Y = np.array([0.0, 1.0, 0.0])
-
-Placed = tuple[LineSurface, SE3]
-"""A body and its pose in the frame of the hand."""
 
 
 class Grid(NamedTuple):
@@ -123,7 +120,7 @@ class HandMaps:
     grid: Grid
     front: Array
     fingers: FingerMaps | None
-    palm: tuple[Placed, ...] = ()
+    palm: tuple[PlacedSurface, ...] = ()
     closing: tuple[MovingFinger, ...] = ()
 
     @classmethod
@@ -149,22 +146,20 @@ class HandMaps:
             axes = np.column_stack([np.cross(y, axes[:, 2]), y, axes[:, 2]])
         tcp_from_hand = SE3(axes, np.array(tool.tip.translation))
         # The bodies that do not move, and the open fingers
-        palm = [(each, body.pose) for body in tool.tool for each in [LineSurface.of_obstacle(body)]]
+        palm = [PlacedSurface(LineSurface.of_obstacle(body), body.pose) for body in tool.tool]
         if arm is not None:
-            found = hand_bodies(arm, tool, tool.gripper)
-            palm = [(body.surface, body.tcp_from_body) for body in found if body.name != FACE]
-        everything = [*palm, *_placed(closing, 0.0)]
-        placed = [(surface, tcp_from_hand.actInv(at)) for surface, at in everything]
-        if not placed:
+            palm = [body.placed for body in hand_bodies(arm, tool, tool.gripper) if body.name != FACE]
+        palm = [body.moved(tcp_from_hand.inverse()) for body in palm]
+        if not (placed := [*palm, *_placed(closing, 0.0, tcp_from_hand)]):
             return cls(tcp_from_hand, Grid(np.zeros(2), FINEST, (1, 1)), np.full((1, 1), -np.inf), None)
-        grid = Grid.around(np.concatenate([corners(body)[:, :2] for body in placed]))
+        grid = Grid.around(np.concatenate([body.points[:, :2] for body in placed]))
         front = -_first_met(placed, grid, (0, 1), np.array([0.0, 0.0, -1.0]))
         maps = _finger_maps(closing, tcp_from_hand) if closing else None
-        return cls(tcp_from_hand, grid, front, maps, tuple(placed[: len(palm)]), closing)
+        return cls(tcp_from_hand, grid, front, maps, tuple(palm), closing)
 
-    def fingers_at(self, share: float) -> list[Placed]:
+    def fingers_at(self, share: float) -> list[PlacedSurface]:
         """The bodies of the fingers at a share of the closing motion, in the frame of the hand."""
-        return [(surface, self.tcp_from_hand.actInv(at)) for surface, at in _placed(self.closing, share)]
+        return _placed(self.closing, share, self.tcp_from_hand)
 
     def widened(self, by: float) -> HandMaps:
         """A hand whose front is larger by a distance (m) along x, y and z."""
@@ -187,17 +182,17 @@ def closed_completely(tool: Any, arm: Arm) -> dict[str, float]:
     return closed
 
 
-def _placed(fingers: Sequence[MovingFinger], share: float) -> list[Placed]:
-    """The bodies of fingers at a share of the closing motion, in the frame of the tcp."""
-    return [(surface, finger.at(share) * at) for finger in fingers for surface, at in finger.surfaces]
+def _placed(fingers: Sequence[MovingFinger], share: float, tcp_from_hand: SE3) -> list[PlacedSurface]:
+    """The bodies of fingers at a share of the closing motion, in the frame of the hand."""
+    return [body.moved(tcp_from_hand.actInv(finger.at(share))) for finger in fingers for body in finger.surfaces]
 
 
 def _finger_maps(closing: Sequence[MovingFinger], tcp_from_hand: SE3) -> FingerMaps:
     """The maps of the fingers for widths from open to closed."""
     y = np.array(tcp_from_hand.rotation[:, 1])
     shares = np.linspace(0.0, 1.0, LEVELS)
-    levels = [[(body, tcp_from_hand.actInv(at)) for body, at in _placed(closing, share)] for share in shares]
-    grid = Grid.around(np.concatenate([corners(body)[:, [0, 2]] for level in levels for body in level]))
+    levels = [_placed(closing, share, tcp_from_hand) for share in shares]
+    grid = Grid.around(np.concatenate([body.points[:, [0, 2]] for level in levels for body in level]))
     first = [bool(finger.direction @ y > 0.0) for finger in closing for _ in finger.surfaces]
     widths, middles = list[float](), list[float]()
     pads, passed = list[Array](), list[list[list[Array]]]()
@@ -243,25 +238,17 @@ def _finger_maps(closing: Sequence[MovingFinger], tcp_from_hand: SE3) -> FingerM
     )
 
 
-def _first_met(bodies: Sequence[Placed], grid: Grid, plane: tuple[int, int], direction: Array) -> Array:
+def _first_met(bodies: Sequence[PlacedSurface], grid: Grid, plane: tuple[int, int], direction: Array) -> Array:
     """The depth at which lines from the cells of a grid first meet any of the bodies, inf without."""
     lines = np.zeros((grid.shape[0] * grid.shape[1], 3))
     lines[:, plane] = grid.middles()
     depth = np.full(len(lines), np.inf)
-    for surface, at in bodies:
+    for body in bodies:
         # Only lines within the box of the body can meet it
-        ends = corners((surface, at))[:, plane]
-        across = lines[:, plane]
+        ends, across = body.points[:, plane], lines[:, plane]
         near = ((across >= ends.min(axis=0)) & (across <= ends.max(axis=0))).all(axis=1)
-        own = (lines[near] - at.translation) @ at.rotation
-        depth[near] = np.minimum(depth[near], surface.enter(own, at.rotation.T @ direction).depth)
+        depth[near] = np.minimum(depth[near], body.enter(lines[near], direction).depth)
     return depth.reshape(grid.shape)
-
-
-def corners(body: Placed) -> Array:
-    """(V, 3) points whose convex hull contains a placed body."""
-    surface, at = body
-    return np.asarray(outer_points(surface) @ at.rotation.T + at.translation)
 
 
 def _cells(by: float, grid: Grid) -> int:

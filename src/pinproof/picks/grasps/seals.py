@@ -16,7 +16,7 @@ from pinproof.errors import InputError
 from pinproof.picks.grasps.hand_maps import HandMaps
 from pinproof.picks.grasps.part_surface import Candidates, PartSurface, spread
 from pinproof.picks.input.settings import SuctionCup
-from pinproof.picks.judging.grip import HeldPart, grip_by_cup
+from pinproof.picks.judging.grip import PlacedSurface, grip_by_cup
 from pinproof.spatial import SE3, Array
 
 RINGS, AROUND = 10, 48
@@ -120,7 +120,7 @@ def _rim_is_near(part: PartSurface, hands: Candidates, cup: SuctionCup) -> npt.N
 
 def seal(part: PartSurface, part_from_tip: SE3, cup: SuctionCup) -> float:
     """How far (m) the rim of a cup is from the nearest edge or hole, at most its radius; 0 if it does not seal."""
-    if not grip_by_cup(cup, SE3.Identity(), HeldPart(part.surface, part_from_tip.inverse())).held:
+    if not grip_by_cup(cup, SE3.Identity(), PlacedSurface(part.surface, part_from_tip.inverse())).held:
         return 0.0
     radii = cup.radius * np.linspace(1.0, 2.0, RINGS + 1)
     lines = _circle(radii).reshape(-1, 3) @ part_from_tip.rotation.T + part_from_tip.translation

@@ -106,6 +106,33 @@ def _cone(normal: Array, angle: float) -> Array:
     return np.asarray(np.cos(angle) * normal + np.sin(angle) * across)
 
 
+class PlacedSurface(NamedTuple):
+    """The surface of a body at a pose: of the hand or of the part, in the frame of the tcp."""
+
+    surface: LineSurface
+    pose: SE3
+
+    @property
+    def name(self) -> str:
+        """The name of the link or obstacle."""
+        return self.surface.body.owner
+
+    @property
+    def points(self) -> Array:
+        """(N, 3) points whose convex hull contains the body."""
+        return np.asarray(outer_points(self.surface) @ self.pose.rotation.T + self.pose.translation)
+
+    def moved(self, by: SE3) -> PlacedSurface:
+        """The surface after a motion of its frame."""
+        return PlacedSurface(self.surface, by * self.pose)
+
+    def enter(self, lines: Array, direction: Array, after: Array | float = -np.inf) -> SurfacePoints:
+        """Where lines (G, 3) along a direction (3,) first meet it, see :meth:`LineSurface.enter`."""
+        at = self.pose
+        own = self.surface.enter((lines - at.translation) @ at.rotation, at.rotation.T @ direction, after)
+        return own._replace(normals=own.normals @ at.rotation.T)
+
+
 SAGITTA = 2e-4
 """Metres: largest distance of the points of a rotating finger from the chords that approximate its closing motion. The
 swept bodies are enlarged by it, so it is small compared to the margins of a cell."""
@@ -135,7 +162,7 @@ class MovingFinger:
     """
 
     name: str
-    surfaces: tuple[tuple[LineSurface, SE3], ...]
+    surfaces: tuple[PlacedSurface, ...]
     placements: tuple[SE3, ...]
     direction: Array
     sagitta: float = 0.0
@@ -172,17 +199,15 @@ class MovingFinger:
         For each chord this is the hull of the body at both ends, enlarged by the sagitta.
         """
         bodies = []
-        for number, (surface, at) in enumerate(self.surfaces):
-            own = outer_points(surface)
-            placed = [at_finger * at for at_finger in self.placements]
-            for step, (one, other) in enumerate(pairwise(placed)):
-                ends = np.concatenate([own @ each.rotation.T + each.translation for each in (one, other)])
+        for number, body in enumerate(self.surfaces):
+            placed = [body.moved(at).points for at in self.placements]
+            for step, ends in enumerate(map(np.concatenate, pairwise(placed))):
                 bodies.append(Obstacle(f"{self.name} closing {number}.{step}", _hull(ends, self.sagitta)))
         return tuple(bodies)
 
 
-def _centre(surfaces: Sequence[tuple[LineSurface, SE3]]) -> Array:
-    """(3,) the mean of the centres of bodies, each with its pose."""
+def _centre(surfaces: Sequence[PlacedSurface]) -> Array:
+    """(3,) the mean of the centres of bodies."""
     return np.asarray(np.mean([at.act(surface.body.box.mean(axis=0)) for surface, at in surfaces], axis=0))
 
 
@@ -191,9 +216,7 @@ def _hull(points: Array, grow: float) -> ConvexShape:
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
     thin = np.linalg.svd(points - points.mean(axis=0), compute_uv=False).min() < FLAT
     by = max(grow, FLAT if thin else 0.0)
-    if by > 0.0:
-        points = (points[:, None] + by * corners).reshape(-1, 3)
-    return ConvexShape(points)
+    return ConvexShape((points[:, None] + by * corners).reshape(-1, 3) if by > 0.0 else points)
 
 
 def fingers_of(arm: Arm | None, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
@@ -203,7 +226,7 @@ def fingers_of(arm: Arm | None, fingers: GripperFingers | None, grip: Mapping[st
         return tuple(found)
     bodies = []
     for sign, before, after in zip((-1.0, 1.0), fingers.apart(), fingers.gripping(), strict=True):
-        surface = (LineSurface.of_obstacle(after), SE3.Identity())
+        surface = PlacedSurface(LineSurface.of_obstacle(after), SE3.Identity())
         direction = sign * np.array(fingers.axis)
         rate = float(np.linalg.norm(after.pose.translation - before.pose.translation))
         placements = before.pose, after.pose
@@ -213,15 +236,15 @@ def fingers_of(arm: Arm | None, fingers: GripperFingers | None, grip: Mapping[st
 
 def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
     """The links that the gripping joints move, each with its exact surface."""
-    # The exact surfaces of all links that the gripping joints move
     urdf = arm.robot.urdf
     start = {name: arm.held[name] for name in grip}
     if all(abs(start[name] - value) < LEAST_TRAVEL for name, value in grip.items()):
         return []
-    own: dict[str, tuple[tuple[LineSurface, SE3], ...]] = {}
+    own: dict[str, tuple[PlacedSurface, ...]] = {}
     for geometry in urdf.collisions:
         if moved_by(urdf, geometry.link, grip):
-            made = tuple((LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "surface"))
+            bodies = link_bodies(geometry, "surface")
+            made = (PlacedSurface(LineSurface.of_body(body), body.link_from_body) for body in bodies)
             own[geometry.link] = (*own.get(geometry.link, ()), *made)
     # The number of chords, for the link whose points accelerate most
     bounds = {link: _rates(arm, link, own[link], grip) for link in own}
@@ -246,7 +269,7 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
         placements = [placed_at(link, share) for share in np.linspace(0.0, 1.0, steps + 1).tolist()]
         before = placed_at(link, 1.0 - SHARE)
         # The closing direction is that of the centre, or of the point that moves most if the link rotates about it.
-        points = np.array([_centre(surfaces), *(at.act(p) for surface, at in surfaces for p in outer_points(surface))])
+        points = np.concatenate([_centre(surfaces)[None], *(body.points for body in surfaces)])
         moved = points @ (placements[-1].rotation - before.rotation).T + placements[-1].translation - before.translation
         lengths = np.linalg.norm(moved, axis=1) / SHARE
         leading = 0 if lengths[0] >= LEAST_TRAVEL else int(lengths.argmax())
@@ -261,9 +284,7 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
     return found
 
 
-def _rates(
-    arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3]], grip: Mapping[str, float]
-) -> tuple[float, float]:
+def _rates(arm: Arm, link: str, surfaces: Sequence[PlacedSurface], grip: Mapping[str, float]) -> tuple[float, float]:
     """Bounds (m) of the first and second derivative of every point of a link over the share of the closing motion.
 
     Joints at constant rates w_i (revolute) and v_i (prismatic) move a point by at most sum w R + sum v and accelerate
@@ -286,8 +307,7 @@ def _rates(
     # The distance from the nearest axis, and those between consecutive axes, bound that from each of them
     origins = [arm.frame_placement(arm.home, joint.child).translation for joint in joints]
     placed = arm.frame_placement(arm.home, link)
-    own = np.concatenate([outer_points(surface) @ pose.rotation.T + pose.translation for surface, pose in surfaces])
-    points = own @ placed.rotation.T + placed.translation
+    points = np.concatenate([body.moved(placed).points for body in surfaces])
     radius = float(np.linalg.norm(points - origins[0], axis=1).max()) + sliding
     radius += sum(float(np.linalg.norm(b - a)) for a, b in pairwise(origins))
     return turning * radius + sliding, turning**2 * radius + 2 * turning * sliding
@@ -319,7 +339,7 @@ class Closing(NamedTuple):
         return f"{touching} {part} while the fingers close completely"
 
 
-def close_on(fingers: Sequence[MovingFinger], part: HeldPart) -> Closing:
+def close_on(fingers: Sequence[MovingFinger], part: PlacedSurface) -> Closing:
     """Close fingers until two of them touch a part; links of one branch are one finger.
 
     Each contact is found by conservative advancement (Mirtich, 1996): a finger whose points move by less than its
@@ -465,19 +485,7 @@ class GripResult:
         }
 
 
-class HeldPart(NamedTuple):
-    """The grasped part: its surface and ``tcp_from_part``."""
-
-    surface: LineSurface
-    pose: SE3
-
-    @property
-    def name(self) -> str:
-        """The name of the object."""
-        return self.surface.body.owner
-
-
-def grip_by_tip(tip: SE3, part: HeldPart, along: Array, approach: float, limits: GripLimits) -> GripResult:
+def grip_by_tip(tip: SE3, part: PlacedSurface, along: Array, approach: float, limits: GripLimits) -> GripResult:
     """Whether the tip of a tool without fingers and without a cup, such as a magnet, is close to the part.
 
     ``along`` (3,) is the direction of the approach in the tcp frame, and ``approach`` its length (m). A tip behind the
@@ -495,7 +503,7 @@ def grip_by_tip(tip: SE3, part: HeldPart, along: Array, approach: float, limits:
     return GripResult(False, f"{words}; at most {_mm(limits.tip)} is allowed", tip_distance=distance)
 
 
-def too_far_to_hold(fingers: Sequence[MovingFinger], part: HeldPart, limits: GripLimits) -> bool:
+def too_far_to_hold(fingers: Sequence[MovingFinger], part: PlacedSurface, limits: GripLimits) -> bool:
     """Whether distances alone show that closed fingers do not hold a part, in a twentieth of the time.
 
     A closed finger farther from the part than both the allowed gap and the allowed depth does not touch it within
@@ -506,13 +514,14 @@ def too_far_to_hold(fingers: Sequence[MovingFinger], part: HeldPart, limits: Gri
     return sum(_distance(finger, finger.closed, part) > far for finger in fingers) > len(fingers) - 2
 
 
-def _distance(finger: MovingFinger, tcp_from_finger: SE3, part: HeldPart) -> float:
+def _distance(finger: MovingFinger, tcp_from_finger: SE3, part: PlacedSurface) -> float:
     """The signed distance (m) of a finger at a pose from a part."""
-    placed = ((surface, tcp_from_finger * at) for surface, at in finger.surfaces)
-    return min(body_distance(surface, at, part.surface, part.pose) for surface, at in placed)
+    return min(body_distance(*body.moved(tcp_from_finger), *part) for body in finger.surfaces)
 
 
-def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Array, limits: GripLimits) -> GripResult:
+def grip_by_fingers(
+    fingers: Sequence[MovingFinger], part: PlacedSurface, along: Array, limits: GripLimits
+) -> GripResult:
     """Whether closed fingers hold a part; ``along`` (3,) is the direction in the tcp frame in which they extend."""
     paths = [_FingerPath(finger, part, along) for finger in fingers]
     stops = tuple(each.contact for each in paths)
@@ -579,7 +588,7 @@ def _mm2(square_metres: float) -> str:
 class _FingerPath:
     """The closing motion of a finger: the gap where it stops, and on request its contact patch."""
 
-    def __init__(self, finger: MovingFinger, part: HeldPart, along: Array) -> None:
+    def __init__(self, finger: MovingFinger, part: PlacedSurface, along: Array) -> None:
         # tcp_from_closing: z in the closing direction, y along the finger
         direction = finger.direction
         y = along - (along @ direction) * direction
@@ -589,15 +598,11 @@ class _FingerPath:
         y /= np.linalg.norm(y)
         self._finger = finger
         self._tcp_from_closing = np.stack([np.cross(y, direction), y, direction], axis=1)
-        facing = [
-            _Facing(surface, finger.closed * at, part, self._tcp_from_closing, finger)
-            for surface, at in finger.surfaces
-        ]
+        facing = [_Facing(body, part, self._tcp_from_closing, finger) for body in finger.surfaces]
         self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
         # Where the finger first touches the part, on the lines or at a feature between them
         gap = min((start for _, start in self._bodies), default=np.inf)
-        placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
-        gap = min([gap, *(_earlier_contact(gap, surface, at, part, finger) for surface, at in placed)])
+        gap = min([gap, *(_earlier_contact(gap, body, part, finger) for body in finger.surfaces)])
         apart = [_distance(finger, place, part) for place in (finger.open, finger.closed)]
         x, y, z = finger.direction.tolist()
         unknown = 0.0 if np.isinf(gap) else np.nan
@@ -622,15 +627,13 @@ class _FingerPath:
         )
 
 
-def _earlier_contact(
-    gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger
-) -> float:
+def _earlier_contact(gap: float, body: PlacedSurface, part: PlacedSurface, finger: MovingFinger) -> float:
     """The gap of an earlier contact than ``gap``, at a feature between the lines; inf if no earlier contact exists."""
     start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
     if end <= start:
         return np.inf
-    at = translated(tcp_from_body, start * finger.direction)
-    share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
+    at = translated(finger.closed * body.pose, start * finger.direction)
+    share = travel_to_touch(body.surface, at, *part, (end - start) * finger.direction)
     touch = start + share * (end - start)
     return touch if share < 1.0 and gap - touch > NOTICED else np.inf
 
@@ -638,19 +641,16 @@ def _earlier_contact(
 class _Facing:
     """A body of a closed finger and the part, projected along the closing direction."""
 
-    def __init__(
-        self, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, tcp_from_closing: Array, finger: MovingFinger
-    ) -> None:
-        here = SE3(tcp_from_closing, np.zeros(3))
-        self._finger, self._body_at = surface, here.actInv(tcp_from_body)
-        self._part, self._part_at = part.surface, here.actInv(part.pose)
+    def __init__(self, body: PlacedSurface, part: PlacedSurface, tcp_from_closing: Array, finger: MovingFinger) -> None:
+        here = SE3(tcp_from_closing, np.zeros(3)).inverse()
+        self._body, self._part = body.moved(here * finger.closed), part.moved(here)
         self._back = max(finger.travel, 0.0)
-        spans = [
-            [_span(*body, axis) for axis in np.eye(3)[:2]]
-            for body in ((self._finger, self._body_at), (self._part, self._part_at))
-        ]
-        self._low = np.array([max(a[0], b[0]) for a, b in zip(*spans, strict=True)])
-        self._high = np.array([min(a[1], b[1]) for a, b in zip(*spans, strict=True)])
+        # The rectangle across the closing direction in which both can be
+        ends = []
+        for surface, at in (self._body, self._part):
+            axes, offset = at.rotation[:2], at.translation[:2]
+            ends.append((offset - surface.reaches(-axes), offset + surface.reaches(axes)))
+        self._low, self._high = np.maximum(ends[0][0], ends[1][0]), np.minimum(ends[0][1], ends[1][1])
 
     @property
     def overlaps(self) -> bool:
@@ -691,22 +691,11 @@ class _Facing:
     def _gaps(self, lines: Array) -> tuple[Array, Array, Array, Array]:
         """(G,) between the surfaces along each line, where the finger's is (G,), and both outward normals (G, 3)."""
         forward = np.array([0.0, 0.0, 1.0])
-        back = _enter(self._finger, self._body_at, lines, -forward, -np.inf)
+        back = self._body.enter(lines, -forward)
         leading = np.where(np.isfinite(back.depth), -back.depth, -np.inf)
-        met = _enter(self._part, self._part_at, lines, forward, leading - self._back)
+        met = self._part.enter(lines, forward, leading - self._back)
         gaps = np.where(np.isfinite(leading) & np.isfinite(met.depth), met.depth - leading, np.inf)
         return gaps, leading, met.normals, back.normals
-
-
-def _enter(surface: LineSurface, at: SE3, lines: Array, direction: Array, after: Array | float) -> SurfacePoints:
-    own = surface.enter((lines - at.translation) @ at.rotation, at.rotation.T @ direction, after)
-    return own._replace(normals=own.normals @ at.rotation.T)
-
-
-def _span(surface: LineSurface, at: SE3, axis: Array) -> tuple[float, float]:
-    """The extent of a surface along an axis: minimum and maximum."""
-    own, offset = at.rotation.T @ axis, float(at.translation @ axis)
-    return offset - surface.reach(-own), offset + surface.reach(own)
 
 
 def _lines(low: Array, high: Array, count: int) -> tuple[Array, Array]:
@@ -721,7 +710,7 @@ RIM, ACROSS = 256, 32
 """Number of lines around the rim, and along the diameter of the face."""
 
 
-def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
+def grip_by_cup(cup: SuctionCup, tip: SE3, part: PlacedSurface) -> GripResult:
     """Whether the face of a cup at the tip, ``tcp_from_tip``, lies on a part."""
     # Where lines from the rim and from the face meet the part
     turns = np.arange(RIM) * 2 * np.pi / RIM
@@ -729,7 +718,10 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     cells = cup.radius * ((np.arange(ACROSS) + 0.5) * 2 / ACROSS - 1)
     face = np.stack(np.meshgrid(cells, cells), axis=-1).reshape(-1, 2)
     face = face[np.linalg.norm(face, axis=1) <= cup.radius]
-    at_rim, at_face = np.split(_gaps(np.concatenate([rim, face]), tip, part), [RIM])
+    points = np.concatenate([rim, face])
+    lines = np.column_stack([points, np.zeros(len(points))])
+    met_at = part.moved(tip.inverse()).enter(lines, np.array([0.0, 0.0, 1.0])).depth  # negative behind the face
+    at_rim, at_face = np.split(met_at, [RIM])
     area = float(np.pi * cup.radius**2 * (np.abs(at_face) <= cup.gap).mean())
     met = np.isfinite(at_rim)
     if not met.all():
@@ -754,11 +746,3 @@ def grip_by_cup(cup: SuctionCup, tip: SE3, part: HeldPart) -> GripResult:
     else:
         held, message = True, f"{words}; contact area {area * 1e6:.1f} mm^2"
     return GripResult(held, message, cup=contact)
-
-
-def _gaps(points: Array, tip: SE3, part: HeldPart) -> Array:
-    """(G,) where lines from points (G, 2) of the face along its axis meet the part first (m); negative behind it."""
-    part_from_face = part.pose.actInv(tip)
-    origins = np.column_stack([points, np.zeros(len(points))])
-    origins = origins @ part_from_face.rotation.T + part_from_face.translation
-    return np.asarray(part.surface.enter(origins, part_from_face.rotation[:, 2]).depth)

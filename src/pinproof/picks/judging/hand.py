@@ -39,7 +39,7 @@ from pinproof.description import moved_by, resolved
 from pinproof.model import Arm
 from pinproof.motion import Curve, CurvePart
 from pinproof.picks.input.picks import Picks
-from pinproof.picks.judging.grip import HeldPart, MovingFinger
+from pinproof.picks.judging.grip import MovingFinger, PlacedSurface
 from pinproof.spatial import SE3, Array, pose, translated
 
 DISC = 1e-5
@@ -73,12 +73,11 @@ class HandBody:
     frame, in which the depth is measured.
     """
 
-    name: str
-    surface: LineSurface
-    tcp_from_body: SE3
+    placed: PlacedSurface
     solid: Obstacle
     limit: float
     axis: Array | None = None
+    name: str = FACE
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,8 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
     # The face of a cup, into which the part may protrude by a limit of its own
     if (cup := shared.cup) is not None:
         disc = Obstacle(FACE, Cylinder(cup.radius, DISC), shared.tip * pose((0, 0, -DISC / 2)))
-        surface = LineSurface.of_obstacle(disc)
-        face = HandBody(FACE, surface, disc.pose, disc, cup.highest, -np.array(shared.tip.rotation[:, 2]))
+        placed = PlacedSurface(LineSurface.of_obstacle(disc), disc.pose)
+        face = HandBody(placed, disc, cup.highest, -np.array(shared.tip.rotation[:, 2]))
         found.append(face)
     # The bodies of the tool, and the links that no joint moves relative to the tcp
     solids = [(body.name, body) for body in shared.tool]
@@ -137,36 +136,36 @@ def hand_bodies(arm: Arm, shared: Picks, palm: Sequence[str]) -> tuple[HandBody,
             solids.append((geometry.link, Obstacle(f"{geometry.name} of the hand", shape, at)))
     # A body that is the lip of the cup yields as far as the cup
     for name, solid in solids:
-        surface, limit = LineSurface.of_obstacle(solid), depth
+        placed, limit = PlacedSurface(LineSurface.of_obstacle(solid), solid.pose), depth
         if face is not None and cup is not None:
             # It is the lip if it reaches the face and is within the cylinder of the rim
-            centre, turns = face.tcp_from_body, np.arange(AROUND) * 2 * np.pi / AROUND
+            centre, turns = face.placed.pose, np.arange(AROUND) * 2 * np.pi / AROUND
             across = np.stack([np.cos(turns), np.sin(turns), np.zeros(AROUND)], axis=1) @ centre.rotation.T
-            reaches = surface.reaches(across @ solid.pose.rotation)
+            reaches = placed.surface.reaches(across @ solid.pose.rotation)
             reaches = reaches + across @ (solid.pose.translation - centre.translation)
-            touches = body_distance(surface, solid.pose, face.surface, centre) <= TOUCH
+            touches = body_distance(*placed, *face.placed) <= TOUCH
             if touches and reaches.max() <= cup.radius + TOUCH:
                 limit = max(depth, cup.gap, cup.highest)
-        found.append(HandBody(name, surface, solid.pose, solid, limit))
+        found.append(HandBody(placed, solid, limit, name=name))
     return tuple(found)
 
 
-def depth_of(body: HandBody, part: HeldPart, directions: Array) -> BodyDepth:
+def depth_of(body: HandBody, part: PlacedSurface, directions: Array) -> BodyDepth:
     """How deep a body is in the part; ``directions`` (K, 3) in the tcp frame are tried first to move it out."""
     only, ways = body.axis is not None, directions if body.axis is None else body.axis[None]
-    return _depth(body.name, body.surface, body.tcp_from_body, body.limit, part, ways, only=only)
+    return _depth(body.name, body.placed, body.limit, part, ways, only=only)
 
 
 def _depth(
-    name: str, surface: LineSurface, at: SE3, limit: float, part: HeldPart, directions: Array, *, only: bool = False
+    name: str, body: PlacedSurface, limit: float, part: PlacedSurface, directions: Array, *, only: bool = False
 ) -> BodyDepth:
-    found = penetration(surface, at, part.surface, part.pose, directions, limit + TOUCH, only=only)
+    found = penetration(*body, *part, directions, limit + TOUCH, only=only)
     x, y, z = np.round(found.by, DISPLACEMENT_DIGITS).tolist()
     return BodyDepth(name, found.depth, limit, found.least, (x, y, z), found.clearance)
 
 
 def depths_at_grasp(
-    palm: Sequence[HandBody], fingers: Sequence[MovingFinger], part: HeldPart, back: Array, limit: float
+    palm: Sequence[HandBody], fingers: Sequence[MovingFinger], part: PlacedSurface, back: Array, limit: float
 ) -> tuple[BodyDepth, ...]:
     """The depths of the bodies of the palm, then those of the closed fingers, limited by ``limit`` (m).
 
@@ -175,12 +174,12 @@ def depths_at_grasp(
     found = [depth_of(body, part, back[None]) for body in palm]
     for finger in fingers:
         out = np.array([-finger.direction, back])
-        found += [_depth(finger.name, own, finger.closed * at, limit, part, out) for own, at in finger.surfaces]
+        found += [_depth(finger.name, body.moved(finger.closed), limit, part, out) for body in finger.surfaces]
     return tuple(found)
 
 
 def depths_while_closing(
-    fingers: Sequence[MovingFinger], depths: Sequence[BodyDepth], part: HeldPart, limit: float
+    fingers: Sequence[MovingFinger], depths: Sequence[BodyDepth], part: PlacedSurface, limit: float
 ) -> tuple[BodyDepth, ...]:
     """The depths of bodies of rotating fingers between open and closed, where they exceed ``limit`` (m).
 
@@ -190,18 +189,19 @@ def depths_while_closing(
     need no such proof: their first contact on the line is measured.
     """
     found = []
-    bodies = [(finger, own, at) for finger in fingers for own, at in finger.surfaces]
-    for (finger, own, at), closed in zip(bodies, depths, strict=True):
+    bodies = [(finger, body) for finger in fingers for body in finger.surfaces]
+    for (finger, body), closed in zip(bodies, depths, strict=True):
         if finger.placed_at is None or not closed.within:
             continue
         measure, share, depth = MeasureByCoal(), 1.0, closed
-        solid, target = own.surface or own.body, part.surface.surface or part.surface.body
+        solid = body.surface.surface or body.surface.body
+        target = part.surface.surface or part.surface.body
         for _ in range(MOST_ADVANCES):
-            here = finger.placed_at(share) * at
-            moved = translated(here, depth.displacement)
+            here = body.moved(finger.placed_at(share))
+            moved = translated(here.pose, depth.displacement)
             clearance = measure(solid, moved.homogeneous, target, part.pose.homogeneous).attained
             if clearance < RENEWED * limit:
-                depth = _depth(finger.name, own, here, limit, part, np.array([-finger.direction]))
+                depth = _depth(finger.name, here, limit, part, np.array([-finger.direction]))
                 clearance = depth.clearance
                 if not depth.within:
                     break
@@ -257,7 +257,7 @@ class OpenHand:
         # Exact meshes of the palm and of the part, if hulls are not sufficient
         solids, part = [each.solid for each in self._palm], self.part
         if exact:
-            solids = [_exactly(each.solid, each.surface) for each in self._palm]
+            solids = [_exactly(each.solid, each.placed.surface) for each in self._palm]
             part = _exactly(part, self._surface)
         placed = [
             replace(solid, pose=translated(solid.pose, depth.displacement))
@@ -341,7 +341,7 @@ class OpenHand:
         touched = rest.domain[0]
         # The displacements where the palm touches the part, then the proof until it touches it again
         for _ in range(MOST_PIECES):
-            part = HeldPart(self._surface, self._tcp_from_part(rest(touched), self.part.pose))
+            part = PlacedSurface(self._surface, self._tcp_from_part(rest(touched), self.part.pose))
             depths = [depth_of(body, part, np.empty((0, 3))) for body in self._palm]
             if outside := [depth for depth in depths if not depth.within]:
                 # a wall beside the cup is in the way of its body; the depth in its face would be misleading
@@ -371,7 +371,7 @@ class OpenHand:
             times += [at, *near.tolist()]
         deepest: BodyDepth | None = None
         for time in times:
-            part = HeldPart(self._surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))
+            part = PlacedSurface(self._surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))
             found = depth_of(body, part, np.empty((0, 3)))
             deepest = found if deepest is None or found.depth > deepest.depth else deepest
         if deepest is None or deepest.depth <= body.limit:

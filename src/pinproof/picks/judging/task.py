@@ -34,8 +34,8 @@ from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import (
     Closing,
     GripResult,
-    HeldPart,
     MovingFinger,
+    PlacedSurface,
     close_on,
     fingers_of,
     grip_by_cup,
@@ -557,7 +557,7 @@ class PickTask:
         """Where the fingers touch the object if they close until then; None if their closed positions are stated."""
         if self.name is None or not self.cell.by_contact:
             return None
-        return close_on(self.cell.fingers, HeldPart(self._surface, self.holding(member).pose))
+        return close_on(self.cell.fingers, PlacedSurface(self._surface, self.holding(member).pose))
 
     def closed(self, member: Member) -> PickCell:
         """The cell with the closed positions of the fingers on the object."""
@@ -597,7 +597,7 @@ class PickTask:
             return grip
 
         # Fingers, cup or tip are where the part is
-        part, limits = HeldPart(self._surface, self.holding(member).pose), shared.grip_limits
+        part, limits = PlacedSurface(self._surface, self.holding(member).pose), shared.grip_limits
         if cell.trial and cell.fingers and too_far_to_hold(cell.fingers, part, limits):
             grip = GripResult(held=False, message="the closed fingers do not reach the part")  # is not shown
         elif cell.fingers:
@@ -684,7 +684,7 @@ class PickTask:
         key, known = self._grip_key(member), self.cell.depths
         if key in known:
             return known[key]
-        cell, part = self.closed(member), HeldPart(self._surface, self.holding(member).pose)
+        cell, part = self.closed(member), PlacedSurface(self._surface, self.holding(member).pose)
         limit = cell.shared.grip_limits.depth
         found = depths_at_grasp(cell.palm_bodies, cell.fingers, part, -self._along(member), limit)
         if len(known) < GRIPS_KEPT:

@@ -48,7 +48,7 @@ from pinproof.picks.judging.grasp import (
 from pinproof.picks.judging.grip import (
     CupContact as CupContact, FingerContact as FingerContact, GripResult as GripResult, PlacedSurface as PlacedSurface,
 )  # fmt: skip
-from pinproof.picks.judging.judge import judge as judge
+from pinproof.picks.judging.judge import HandsResult as HandsResult, judge as judge, judge_hands as judge_hands
 from pinproof.picks.judging.lines import Attempt as Attempt, along as along, shortened as shortened, transit as transit
 from pinproof.picks.judging.place import (
     Placer as Placer, Placing as Placing, Release as Release, release_lines as release_lines,
@@ -69,7 +69,6 @@ from pinproof.picks.judging.timing import (
     MotionPart as MotionPart, motion_parts as motion_parts, part_of as part_of, prove_part as prove_part,
     time_part as time_part,
 )  # fmt: skip
-from pinproof.picks.judging.two_hands import HandsResult as HandsResult, judge_hands as judge_hands
 from pinproof.picks.judging.verdict import (
     Intercept as Intercept, PickMotion as PickMotion, PickStatus as PickStatus, PickVerdict as PickVerdict,
     Stage as Stage, StageResult as StageResult, Suggestion as Suggestion,

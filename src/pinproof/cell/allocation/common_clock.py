@@ -70,11 +70,6 @@ class ArmPiece:
         """Seconds from the start of the common clock."""
         return self.start + self.duration
 
-    @property
-    def may_wait(self) -> bool:
-        """Whether the arm may wait after this piece."""
-        return self.name in SAFE
-
 
 def pieces_of(result: SequenceResult) -> list[ArmPiece]:
     """The motions and dwell times of a sequence in order."""
@@ -357,7 +352,7 @@ class _Pair:
 
         def axis(names: list[str], *, waits: bool) -> ArmAxis:
             duration = max(programs[name][-1].end for name in names)
-            rests = [piece.end for piece in programs[names[0]] if piece.may_wait]
+            rests = [piece.end for piece in programs[names[0]] if piece.name in SAFE]
             return ArmAxis.of(duration, rests, waits=waits)
 
         self._axes = axis(self._others, waits=len(self._others) == 1), axis([self._last], waits=True)

@@ -42,7 +42,7 @@ from pinproof.cell.placement.screening import (
 from pinproof.collision import Scene
 from pinproof.common.content_hash import code_here, digest
 from pinproof.common.structs import key, struct
-from pinproof.common.validation import require_integer
+from pinproof.common.validation import refuse_repeated, require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks import (
@@ -162,9 +162,7 @@ def place_base(
     if objective not in OBJECTIVES:
         raise UnknownNameError("objective", objective, OBJECTIVES)
     require_integer("rng", rng, 0)
-    names = [choice.name for choice in choices]
-    if doubled := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"the names of choices must differ; repeated: {', '.join(doubled)}")
+    refuse_repeated("choices", (choice.name for choice in choices))
     effort = placement_budget or PlacementBudget()
     if effort.runs and effort.evaluations and len(region.free_axes) > 1:
         evolution_strategy()  # refused before the grid is screened, if it is not installed

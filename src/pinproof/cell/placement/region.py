@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
+from pinproof.collision import KINDS, CollisionChecker, Mesh, Obstacle, Scene
 from pinproof.common.structs import described, key, struct
-from pinproof.common.validation import require_integer
+from pinproof.common.validation import refuse_repeated, require_integer
 from pinproof.description import CELL, PLACEMENT_JOINTS, LinkGeometry, MeshFile, moved_by, with_movable_base
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
@@ -125,9 +124,7 @@ class PlacementRegion:
                 )
             object.__setattr__(self, name, (low, high))
         object.__setattr__(self, "forbidden", tuple(self.forbidden))
-        names = [zone.name for zone in self.forbidden]
-        if doubled := sorted({name for name in names if names.count(name) > 1}):
-            raise InputError(f"the names of forbidden zones must differ; repeated: {', '.join(doubled)}")
+        refuse_repeated("forbidden zones", (zone.name for zone in self.forbidden))
 
     @property
     def lower(self) -> Array:
@@ -337,25 +334,17 @@ def _without(scene: Scene, names: tuple[str, ...]) -> Scene:
 
 def _geometry(obstacle: Obstacle) -> LinkGeometry:
     """The obstacle as the geometry of a link of its name."""
-    shape, placed = obstacle.shape, np.array(matrix(obstacle.pose))
+    shape, placed, mesh = obstacle.shape, np.array(matrix(obstacle.pose)), None
     placed.setflags(write=False)
-    mesh: MeshFile | None = None
-    kind: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
-    size: tuple[float, ...]
-    if isinstance(shape, Box):
-        kind, size = "box", (shape.x, shape.y, shape.z)
-    elif isinstance(shape, Sphere):
-        kind, size = "sphere", (shape.radius,)
-    elif isinstance(shape, (Cylinder, Capsule)):
-        kind = "cylinder" if isinstance(shape, Cylinder) else "capsule"
-        size = (shape.radius, shape.length)
-    elif isinstance(shape, Mesh) and shape.path is not None:
-        path = Path(shape.path)
-        scale = shape.scale if isinstance(shape.scale, tuple) else (shape.scale,) * 3
-        kind, size, mesh = "mesh", scale, MeshFile(str(path), path, ())
+    kind = next((name for name, own in KINDS.items() if type(shape) is own), None)
+    if isinstance(shape, Mesh) and shape.path is not None:
+        path, size = Path(shape.path), tuple(np.broadcast_to(shape.scale, 3).tolist())
+        kind, mesh = "mesh", MeshFile(str(path), path, ())
+    elif kind is not None:
+        size = astuple(shape)
     else:
         raise InputError(
             f"obstacle {obstacle.name!r} cannot move with the base: its shape is {type(shape).__name__}; use a box, "
             "sphere, cylinder, capsule or a mesh from a file"
         )
-    return LinkGeometry(f"{obstacle.name}_0", obstacle.name, kind, size, placed, mesh, obstacle.rgba)
+    return LinkGeometry(f"{obstacle.name}_0", obstacle.name, kind, size, placed, mesh, obstacle.rgba)  # type: ignore[arg-type]

@@ -342,9 +342,7 @@ class _Objective:
 
 def _least_manipulability(report: PickReport) -> float:
     q = [verdict.q_grasp for verdict in report.good if verdict.q_grasp is not None]
-    if not q or report.setup is None:
-        return np.nan
-    return -float(report.setup.checker.arm.manipulability_batch(q).min())
+    return -float(report.setup.checker.arm.manipulability_batch(q).min()) if q and report.setup is not None else np.nan
 
 
 _NO_WEIGHTS = {weight.name: 0.0 for weight in fields(PickWeights)}
@@ -458,11 +456,24 @@ class RefineTask:
             around = start[free] + self.steps[free] * np.linspace(-1, 1, self.evaluations)[:, None]
             costs_of(np.clip(around, low, high))
         elif free and self.evaluations:
+            generator = np.random.default_rng(self.rng + index + 1)
             ends = (
-                [None if k == 3 and full_turn else float(x) for k, x in zip(free, end, strict=True)]
-                for end in (low, high)
+                [None if k == 3 and full_turn else float(x) for k, x in zip(free, e, strict=True)] for e in (low, high)
             )
-            _evolve(costs_of, start[free], self.steps[free], list(ends), self.evaluations, self.rng + index + 1)
+            settings = {
+                "seed": np.nan,  # the global generator of NumPy is left alone
+                "randn": lambda *shape: generator.standard_normal(shape),
+                "bounds": list(ends),
+                "CMA_stds": self.steps[free],
+                "maxfevals": self.evaluations,
+                "verbose": -9,
+                "verb_log": 0,
+                "verb_disp": 0,
+            }
+            strategy = evolution_strategy().CMAEvolutionStrategy(start[free], 0.5, settings)
+            while not strategy.stop() and strategy.countevals < self.evaluations:
+                points = strategy.ask()
+                strategy.tell(points, costs_of(np.array(points)))
         screened.sort(key=lambda candidate: candidate[:2])
         best = [{"values": values, **row} for _, values, row in screened[: self.KEPT]]
         return {"choice": choice, "evaluations": len(screened), "best": best}
@@ -471,33 +482,6 @@ class RefineTask:
 def evolution_strategy() -> Any:
     """The module ``cma``; InputError if it is not installed."""
     return optional_module("cma", "refining a placement", "cell")
-
-
-def _evolve(
-    costs_of: Callable[[Array], list[float]],
-    start: Array,
-    steps: Array,
-    bounds: list[list[float | None]],
-    evaluations: int,
-    seed: int,
-) -> None:
-    """Minimise a function of many points (m, d) at a time by CMA-ES."""
-    cma = evolution_strategy()
-    generator = np.random.default_rng(seed)
-    settings = {
-        "seed": np.nan,  # the global generator of NumPy is left alone
-        "randn": lambda *shape: generator.standard_normal(shape),
-        "bounds": bounds,
-        "CMA_stds": steps,
-        "maxfevals": evaluations,
-        "verbose": -9,
-        "verb_log": 0,
-        "verb_disp": 0,
-    }
-    strategy = cma.CMAEvolutionStrategy(start, 0.5, settings)
-    while not strategy.stop() and strategy.countevals < evaluations:
-        points = strategy.ask()
-        strategy.tell(points, costs_of(np.array(points)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from pinproof.collision import MARGIN, PAIR_MARGINS, PairMargin, Scene
 from pinproof.common import structs as st
 from pinproof.common.files import LinedMapping
 from pinproof.common.results import Rows, Shown, View
-from pinproof.common.validation import require_number
+from pinproof.common.validation import refuse_repeated, require_number
 from pinproof.description import moved_by
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, assemble
@@ -105,10 +105,6 @@ MOUNTED = "mounted"
 """The change of tools that are all mounted at the same time."""
 
 
-def _tool_change(name: str, value: object) -> float | str:
-    return MOUNTED if value == MOUNTED else require_number(name, value, "s", minimum=0)
-
-
 def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     """The checks as a tuple; InputError if one cannot be called, or has no name by which reports refer to it."""
     checks = tuple(value) if isinstance(value, Iterable) else (value,)
@@ -149,7 +145,11 @@ class Picks(RobotAndHand, Shown):
         "time. Required for several tools",
         "s",
         default=None,
-        kind=st.any_of(st.choice(MOUNTED), st.number("s", minimum=0), check=_tool_change),
+        kind=st.any_of(
+            st.choice(MOUNTED),
+            st.number("s", minimum=0),
+            check=lambda name, value: value if value == MOUNTED else require_number(name, value, "s", minimum=0),
+        ),
     )
     parts: Mapping[str, PartType] = st.key(
         "part types by name", default_factory=dict, kind=st.mapping_to(PART_TYPE, "names to part types")
@@ -236,10 +236,7 @@ class Picks(RobotAndHand, Shown):
     def __post_init__(self) -> None:
         for name in ("picks", "problems"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        names = Counter(pick.name for pick in self.picks)
-        doubled = sorted(name for name, count in names.items() if count > 1)
-        if doubled:
-            raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
+        refuse_repeated("picks", (pick.name for pick in self.picks))
 
     def __len__(self) -> int:
         return len(self.picks)
@@ -319,13 +316,8 @@ class Picks(RobotAndHand, Shown):
                 "if all are mounted at the same time",
                 (".tools",),
             )
-        names = Counter(
-            body.name
-            for body in (
-                *self.tool,
-                *(b for t in self.tools.values() for b in t.open_tool * (self.tool_change == MOUNTED)),
-            )
-        )
+        mounted = self.tools.values() if self.tool_change == MOUNTED else ()
+        names = Counter(body.name for body in (*self.tool, *(body for tool in mounted for body in tool.open_tool)))
         if doubled := [name for name, number in names.items() if number > 1]:
             raise st.Misread(
                 f"a second body is named {doubled[0]!r}; the bodies of mounted tools need names", (".tools",)
@@ -477,21 +469,17 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
             each.check_tools()
             each.check_parts(every)
         except st.Misread as error:
-            raise st.Misread(error.reason, error.steps, _position(content, error.steps)) from error
+            # The position of the innermost of the steps that is a key of a mapping
+            where, holder = "", content
+            for own in (str(each).removeprefix(".") for each in error.steps):
+                if not isinstance(holder, LinedMapping) or own not in holder:
+                    break
+                where, holder = st.position(holder, own), holder[own]
+            raise st.Misread(error.reason, error.steps, where) from error
         if each.xacro_args and not (each.robot or "").endswith(".xacro"):
             reason = "is valid only if the robot is a file that ends in .xacro"
             raise PicksError(path, reason, each.places["xacro_args"])
     return shared
-
-
-def _position(content: Any, steps: tuple[Any, ...]) -> str:
-    """The position of the innermost of the steps that is a key of a mapping."""
-    where = ""
-    for own in (str(each).removeprefix(".") for each in steps):
-        if not isinstance(content, LinedMapping) or own not in content:
-            break
-        where, content = st.position(content, own), content[own]
-    return where
 
 
 def _places(content: LinedMapping) -> dict[str, str]:

@@ -19,7 +19,7 @@ import os
 from abc import ABC, abstractmethod
 from array import array
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from math import prod
@@ -522,17 +522,6 @@ def open_picks(path: str | Path) -> PickSource:
     return _list(path, rows, shared, defaults)
 
 
-def _refuse_ungraspable(pick: Pick, settings: Sequence[Picks]) -> None:
-    """Raise InputError, that of the first of these settings, if no one of them has a grasp and a tool for a pick."""
-    for number, own in enumerate(settings, 1):
-        try:
-            own.grasps_of(pick)
-            return
-        except InputError:
-            if number == len(settings):
-                raise
-
-
 def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any]) -> PickList:
     picks: list[Pick] = []
     problems: list[PickProblem] = []
@@ -548,8 +537,15 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: Mapping[str, Any
                     raise InputError(f"states the arm {pick.arm!r}, but the file has no robots")
                 if pick.arm is not None and pick.arm not in shared.robots:
                     raise UnknownNameError("arm", pick.arm, shared.robots, "the robots of the file")
-                arms = [robot.settings for arm, robot in shared.robots.items() if pick.arm in (None, arm)]
-                _refuse_ungraspable(pick, arms or [shared])
+                # One of the arms has a grasp and a tool for it
+                arms = [robot.settings for arm, robot in shared.robots.items() if pick.arm in (None, arm)] or [shared]
+                for own in arms:
+                    try:
+                        own.grasps_of(pick)
+                        break
+                    except InputError:
+                        if own is arms[-1]:
+                            raise
             taken.update(pick.name for pick in made)
             picks += made
         except (InputError, FileError) as error:

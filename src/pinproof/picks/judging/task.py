@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, wraps
 from itertools import combinations
-from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -389,24 +389,20 @@ def supports_below(checker: CollisionChecker, q: Array, name: str) -> tuple[str,
     return tuple(dict.fromkeys(found))
 
 
-Owner = TypeVar("Owner", bound=Any)
-More = ParamSpec("More")
-Result = TypeVar("Result")
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
-def once_per_grasp(
-    compute: Callable[Concatenate[Owner, Member, More], Result],
-) -> Callable[Concatenate[Owner, Member, More], Result]:
+def once_per_grasp(compute: Method) -> Method:
     """Make a method keep its result for each grasp and further arguments in the attribute ``kept`` of its object."""
 
     @wraps(compute)
-    def kept(owner: Owner, member: Member, /, *args: More.args, **kwargs: More.kwargs) -> Result:
+    def kept(owner: Any, member: Member, /, *args: Any, **kwargs: Any) -> Any:
         key = compute.__name__, member.words, *args, *kwargs.values()
         if key not in owner.kept:
             owner.kept[key] = compute(owner, member, *args, **kwargs)
-        return cast(Result, owner.kept[key])
+        return owner.kept[key]
 
-    return kept
+    return cast(Method, kept)
 
 
 class PickTask:

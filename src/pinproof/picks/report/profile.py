@@ -27,7 +27,7 @@ from pinproof.motion import Curve, JointPath
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import LINES, REFUTATION, SUGGESTIONS, PickStatus, Stage
 from pinproof.picks.report.report import PickReport
-from pinproof.spatial import Array
+from pinproof.spatial import SE3, Array
 
 SHORT = 0.01
 """Share of the time from which a step on a mesh has a row of its own."""
@@ -176,7 +176,14 @@ def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
     beside = (_seconds(checker.with_scene(Scene(tuple(group))), curves) for group in groups)
     times = [robot, *(max(seconds - robot, 0.0) for seconds in beside)]
     total, least = max(sum(times), 1e-12), max(LARGE * sum(times), CLEAR * float(np.median(times)))
-    points, rows = _points_of_picks(report), []
+    # (N, 3) the tips at the grasps and at the releases in the root frame, and the picked obstacles
+    poses = list[SE3]()
+    for verdict in report.verdicts:
+        if verdict.status is not PickStatus.UNREADABLE:
+            task = PickTask(verdict.pick, report.setup.cell)
+            poses += [each.pose for each in (task.pick, task.place) if each is not None]
+            poses += [task.scene[str(task.name)].pose] if task.from_scene else []
+    points, rows = np.array([pose.translation for pose in poses]).reshape(-1, 3), []
     for seconds, group in zip(times, [[], *groups], strict=True):
         names = [thing.name for thing in group]
         own = bodies.get(None, []) if not names else [body for name in names for body in bodies[name]]
@@ -186,7 +193,7 @@ def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
         parts += [f"{convex} convex {'body' if convex == 1 else 'bodies'}"] if convex else []
         # One convex body is faster, if no pick is in it
         advice, divided = "", bool(triangles) or convex > len(group)
-        if group and divided and seconds >= least and not any(_hull_contains(thing, points) for thing in group):
+        if group and divided and seconds >= least and not any(_is_in_hull(thing, points) for thing in group):
             before = "triangles" if triangles else convex // len(group)
             advice = f"hull: true is 1 convex body instead of {before}, if nothing reaches into the shape"
         rows.append(BodyTime(name or "robot", seconds, seconds / total, " and ".join(parts) or "no body", advice))
@@ -208,21 +215,8 @@ def _size(body: Body) -> int:
     return int(body.geometry.num_tris) if body.is_exact else 1
 
 
-def _points_of_picks(report: PickReport) -> Array:
-    """(N, 3) the tips at the grasps and at the releases of the picks in the root frame, and the picked obstacles."""
-    points = [np.empty((0, 3))]
-    for verdict in report.verdicts:
-        if report.setup is not None and verdict.status is not PickStatus.UNREADABLE:
-            task = PickTask(verdict.pick, report.setup.cell)
-            poses = [task.pick.pose] if task.place is None else [task.pick.pose, task.place.pose]
-            poses += [task.scene[str(task.name)].pose] if task.from_scene else []
-            points.append(np.array([pose.translation for pose in poses]))
-    return np.concatenate(points)
-
-
-def _hull_contains(thing: Obstacle, points: Array) -> bool:
-    """Whether the convex hull of an obstacle contains one of the points (N, 3) in the root frame."""
+def _is_in_hull(thing: Obstacle, points: Array) -> bool:
+    """Whether one of the points (N, 3) in the root frame is in the convex hull of an obstacle."""
     hull = LineSurface.of_obstacle(Obstacle("hull", ConvexShape(outer_points(LineSurface.of_obstacle(thing)))))
-    own = (points - thing.pose.translation) @ thing.pose.rotation
-    into, out, _ = hull.span(own, np.array([0.0, 0.0, 1.0]))
+    into, out, _ = hull.span((points - thing.pose.translation) @ thing.pose.rotation, np.array([0.0, 0.0, 1.0]))
     return bool(((into <= 0) & (out >= 0)).any())

@@ -15,6 +15,7 @@ from pinproof.errors import InputError, UnitWarning
 __all__ = [
     "ANGLE_UNITS",
     "FAR",
+    "LENGTH_UNITS",
     "MOST_MARGIN",
     "MOST_REACH",
     "MOST_TURN",
@@ -44,6 +45,10 @@ FAR = 10.0
 
 ANGLE_UNITS = {"deg": math.radians(1.0), "rad": 1.0}
 """Units of angles in texts, in radians."""
+
+
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
+"""Units of lengths in files of other programs, in metres."""
 
 
 def parse_angle(text: str) -> float:

@@ -48,6 +48,7 @@ from pinproof.description.dh_urdf import (
 from pinproof.description.mesh_stl_obj_ply import positions as positions, read_elements as read_elements
 from pinproof.description.meshes import (
     COLOURED_SUFFIXES as COLOURED_SUFFIXES,
+    MESH_SUFFIXES as MESH_SUFFIXES,
     TriangleMesh as TriangleMesh,
     mesh_of_file as mesh_of_file,
     metres_per_unit as metres_per_unit,

@@ -3,13 +3,19 @@
 from pinproof.common import faces
 from pinproof.tool_paths.files import (
     JOB as JOB,
-    PathPoints as PathPoints,
     StrokeSource as StrokeSource,
     ToolJob as ToolJob,
     read_tool_paths as read_tool_paths,
 )
 from pinproof.tool_paths.following import follow as follow
 from pinproof.tool_paths.path import ToolPath as ToolPath
+from pinproof.tool_paths.geometry import (
+    Contour as Contour,
+    Raster as Raster,
+    contour as contour,
+    raster as raster,
+)
+from pinproof.tool_paths.path_files import PathPoints as PathPoints
 from pinproof.tool_paths.result import (
     BlockedPose as BlockedPose,
     FollowPlan as FollowPlan,

@@ -5,110 +5,46 @@ docs/formats/tool_paths.md describes them. The keys of robot, scene and tool are
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common import structs as st
-from pinproof.common.files import YAML_SUFFIXES, other_separator, read_text, read_yaml, unknown_suffix
+from pinproof.common.files import read_yaml, unknown_suffix
 from pinproof.common.results import Rows, Shown, View
-from pinproof.description import with_frame
-from pinproof.errors import InputError, ToolPathError, UnknownNameError
+from pinproof.description import MESH_SUFFIXES, with_frame
+from pinproof.errors import InputError, ToolPathError
 from pinproof.model import Arm
 from pinproof.picks import SETTINGS, Picks, checker_of_picks, read_settings, root_from_frame
-from pinproof.spatial import SE3, Array, finite
+from pinproof.spatial import SE3
+from pinproof.tool_paths.geometry import Contour, Raster, paths_on
+from pinproof.tool_paths.machine_code import read_apt, read_gcode
 from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.path_files import SUFFIXES, PathPoints, as_many, read_points, read_table
 from pinproof.tool_paths.rungs import COSTS, FollowCosts
-from pinproof.tool_paths.strokes import Stroke, numbered
-from pinproof.units import FAR
+from pinproof.tool_paths.strokes import Stroke, strokes_of
+
+READERS: dict[str, Callable[[Path, Any, str], list[tuple[ToolPath, bool]]]] = {
+    ".csv": read_table,
+    **dict.fromkeys(SUFFIXES, read_points),
+    **dict.fromkeys((".gcode", ".nc", ".ngc"), read_gcode),
+    **dict.fromkeys((".apt", ".cls"), read_apt),
+}
+"""The readers of the files of paths, by suffix; each path is with whether the process is on."""
 
 # The link that is added to the robot at the tip of the tool.
 TIP = "tool_tip"
-
-UNITS = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
-"""Metres per unit of length."""
-
-COLUMNS = {
-    "name": ("name",),
-    "xyz": ("x", "y", "z"),
-    "normal": ("nx", "ny", "nz"),
-    "rpy": ("roll", "pitch", "yaw"),
-    "quat_xyzw": ("qx", "qy", "qz", "qw"),
-    "speed": ("speed",),
-}
-"""The columns of a table of a path by key; each line is a pose."""
-
-SUFFIXES = (*YAML_SUFFIXES, ".json")
-
-VECTORS = st.array_of(st.list_of(st.vector(), 1), (None, 3))
-
-
-def _one_or_many(name: str, value: Any) -> Array:
-    many = np.iterable(value) and any(map(np.iterable, value))
-    return finite(name, value, (None, 3) if many else (3,))
-
-
-def _poses(name: str, value: Any) -> tuple[SE3, ...]:
-    return tuple(st.TRANSFORM.check(f"{name}[{index}]", pose) for index, pose in enumerate(value))
-
-
-def _as_many(own: PathPoints) -> str:
-    if own.points is None or own.normals is None or own.normals.ndim == 1 or len(own.normals) == len(own.points):
-        return ""
-    return f"has {len(own.normals)} normals for {len(own.points)} points; state one normal, or one for each point"
-
-
-@st.struct("path", kw_only=True, eq=False, rules=[st.Rule(("normals",), _as_many)])
-class PathPoints:
-    """The poses of one path, or points and normals of a surface."""
-
-    poses: tuple[SE3, ...] | None = st.key(
-        "poses of the tip of the tool, whose z axis is the axis of the tool", default=None,
-        kind=st.Kind(st.list_of(st.POSE, 1).schema, _poses, st.list_of(st.POSE, 1).parse),
-    )  # fmt: skip
-    points: npt.NDArray[np.float64] | None = st.key(
-        "points of a surface, in order, instead of `poses`", "m", default=None, kind=VECTORS
-    )
-    normals: npt.NDArray[np.float64] | None = st.key(
-        "the outward normal of the surface at each point, or one for all of them; the axis of the tool points in the "
-        "opposite direction, and the x axis of the tip along the path. Files without normals need one for all",
-        default=None, kind=st.simple({"anyOf": [st.vector(), VECTORS]}, _one_or_many, st.parsed),
-    )  # fmt: skip
-    unit: Literal["m", "mm", "in"] | None = st.key(
-        "unit of lengths in the file. By default that of the file; a file that states none is in metres, or in "
-        "millimetres if a coordinate is above 10, which a note of the path states",
-        default=None,
-    )
-    speed: float | None = st.key(
-        "speed of the tool, in place of that of the file; by default that of the job", "m/s", default=None, above=0
-    )
-
-    def paths(self, name: str, given: float = 1.0, remark: str = "") -> list[tuple[ToolPath, bool]]:
-        """The path, if it is stated here; ``given`` are the metres of a unit of length, which ``remark`` explains."""
-        if self.poses is not None:
-            scaled = [SE3(pose.rotation, given * pose.translation) for pose in self.poses]
-            path = ToolPath(scaled, self.speed, name)
-        elif self.points is None:
-            raise InputError("states no path; add poses, points with normals, or a file")
-        elif self.normals is None:
-            raise InputError("states points without normals; add normals, such as 'normals: [0, 0, 1]'")
-        else:
-            path = ToolPath.through(given * self.points, self.normals, speed=self.speed, name=name)
-        return [(replace(path, notes=(*path.notes, remark)) if remark else path, True)]
 
 
 @st.struct(
     "stroke", kw_only=True, eq=False,
     rules=[
         {"oneOf": [{"required": ["poses"]}, {"required": ["points", "normals"]}, {"required": ["file"]}]},
-        st.Rule(("normals",), _as_many),
+        st.Rule(("normals",), as_many),
         st.Rule(
             ("file",),
             lambda own: "" if sum(each is not None for each in (own.poses, own.points, own.file)) == 1 else (
@@ -121,9 +57,9 @@ class StrokeSource(PathPoints):
     """A stroke, or a file with one or several strokes."""
 
     name: str = st.key("its name; by default that of the file, or its number", default="")
-    file: Path | None = st.key(
-        "a file of paths: a table (`.csv`) or points (`.json`, `.yaml`)", default=None, kind=st.file_of()
-    )
+    file: Path | None = st.key("a file of paths, or a mesh with `contour` or `raster`", default=None, kind=st.file_of())
+    contour: Contour | None = st.key("the edges of a face of a mesh, or its section with a plane", default=None)
+    raster: Raster | None = st.key("parallel lines along the surface of a mesh", default=None)
     process: bool | None = st.key(
         "whether the process is on while the strokes are followed; by default as the file states, otherwise on",
         default=None,
@@ -134,112 +70,27 @@ class StrokeSource(PathPoints):
         default=None,
     )
 
-    def strokes(self, number: int, speed: float | None) -> list[Stroke]:
+    def strokes(self, number: int, speed: float | None) -> tuple[Stroke, ...]:
         """The strokes, with a default of their speed (m/s)."""
-        own = self if self.speed is not None else replace(self, speed=speed)
         name = self.name or (self.file.stem if self.file else f"stroke {number}")
         if self.file is None:
             if self.unit not in (None, "m"):
                 raise InputError("unit is that of a file; poses and points are in metres")
-            paths = own.paths(name)
-        elif self.file.suffix.lower() in READERS:
-            paths = READERS[self.file.suffix.lower()](self.file, own, name)
+            found = [(self.path(name), True)]
+        elif (suffix := self.file.suffix.lower()) in READERS:
+            found = READERS[suffix](self.file, self, name)
+        elif suffix in MESH_SUFFIXES:
+            kind = self.contour or self.raster
+            if kind is None or (self.contour and self.raster):
+                raise InputError(f"{self.file.name} is a mesh; state either contour or raster")
+            found = [(path, True) for path in paths_on(self.file, kind, self.unit)]
+            found = found if self.speed is None else [(replace(path, speed=self.speed), on) for path, on in found]
         else:
-            raise InputError(unknown_suffix(self.file, READERS))
-        stated = [(path, on if self.process is None else self.process) for path, on in paths]
-        return numbered(name, stated, closed=self.closed, reversible=self.reversible)
-
-
-# -- files of one path ------------------------------------------------------------------------------------------------
-
-
-def metres_of(points: Array, stated: str | None) -> tuple[float, str]:
-    """Metres per unit of length of points (N, 3), and a remark if the unit was recognised by their size."""
-    if stated is None and len(points) and np.abs(points).max() > FAR:
-        return UNITS["mm"], f"coordinates up to {np.abs(points).max():.4g} are read as millimetres; state the unit"
-    return UNITS[stated or "m"], ""
-
-
-@contextmanager
-def at_line(number: int) -> Iterator[None]:
-    """Add the number of a line to errors about it."""
-    try:
-        yield
-    except InputError as error:
-        raise st.Misread(str(error), (), f"line {number}") from error
-
-
-def read_points(file: Path, source: StrokeSource, name: str) -> list[tuple[ToolPath, bool]]:
-    """The path of a JSON or YAML file with the keys of :class:`PathPoints`."""
-    table = st.table_of(PathPoints)
-    content = read_yaml(file, table.names, ToolPathError, suffixes=SUFFIXES)
-    with st.errors_of(file, ToolPathError):
-        read: PathPoints = table.parse("the file", content, file)
-        own = {key: value for key in ("normals", "unit", "speed") if (value := getattr(source, key)) is not None}
-        read = replace(read, **(own if read.speed is None else own | {"speed": read.speed}))
-        places = [pose.translation for pose in read.poses] if read.poses else read.points
-        return read.paths(name, *metres_of(np.array([] if places is None else places), read.unit))
-
-
-def read_table(file: Path, source: StrokeSource, name: str) -> list[tuple[ToolPath, bool]]:
-    """The path of a CSV file with the columns :data:`COLUMNS`, of which a line is a pose."""
-    lines = read_text(file, ToolPathError).splitlines()
-    rows = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    if len(rows) < 2:
-        raise ToolPathError(file, "has no poses below a line with the names of columns, such as x,y,z,nx,ny,nz")
-    # The columns, which may state the unit of lengths: x [mm]
-    number, header = rows[0]
-    units, known = set(), [name for group in COLUMNS.values() for name in group]
-    columns = []
-    for cell in next(csv.reader([header])):
-        column, _, unit = cell.replace("[", " ").replace("]", "").strip().partition(" ")
-        columns.append(column.strip())
-        if columns[-1] in COLUMNS["xyz"]:
-            units.add(unit.strip())
-    with st.errors_of(file, ToolPathError), at_line(number):
-        if other := other_separator(columns):
-            raise InputError(other)
-        for column in columns:
-            if column not in known:
-                raise UnknownNameError("column", column, known)
-        if len(set(columns)) < len(columns) or len(units) > 1 or not units <= {"", *UNITS}:
-            raise InputError(f"states a column twice, or units of x, y, z other than one of {', '.join(UNITS)}")
-        groups = {key: names for key, names in COLUMNS.items() if set(names) & set(columns)}
-        lacking = [each for names in ({**groups, "xyz": COLUMNS["xyz"]}).values() for each in names]
-        if missing := [each for each in lacking if each not in columns]:
-            raise InputError(f"lacks the column {missing[0]}")
-    cells: dict[str, list[Any]] = {column: [] for column in columns}
-    for number, line in rows[1:]:
-        with st.errors_of(file, ToolPathError), at_line(number):
-            values = next(csv.reader([line]))
-            if len(values) != len(columns):
-                raise InputError(f"has {len(values)} cells under {len(columns)} columns")
-            for column, value in zip(columns, values, strict=True):
-                cells[column].append(value.strip() if column == "name" else st.parsed(value.strip()))
-    # Poses, or points with normals
-    arrays = {key: np.column_stack([cells[c] for c in names]) for key, names in groups.items() if key != "name"}
-    with st.errors_of(file, ToolPathError):
-        metres, remark = metres_of(arrays["xyz"], source.unit or next(iter(units)) or None)
-        names, stated = cells.get("name", ()), arrays.get("speed")
-        speed: Any = source.speed if stated is None else stated[1:, 0]
-        if "rpy" in arrays or "quat_xyzw" in arrays:
-            key = "rpy" if "rpy" in arrays else "quat_xyzw"
-            placed = zip((metres * arrays["xyz"]).tolist(), arrays[key].tolist(), strict=True)
-            poses = [st.pose_of(xyz, **{key: turned}) for xyz, turned in placed]
-            path = ToolPath(poses, speed, name, names)
-        else:
-            normals = arrays.get("normal", source.normals)
-            if normals is None:
-                raise InputError("has points without normals; add the columns nx, ny, nz, or 'normals: [0, 0, 1]'")
-            path = ToolPath.through(metres * arrays["xyz"], normals, speed=speed, name=name, names=names)
-        return [(replace(path, notes=(*path.notes, remark)) if remark else path, True)]
-
-
-READERS: dict[str, Callable[[Path, StrokeSource, str], list[tuple[ToolPath, bool]]]] = {
-    ".csv": read_table,
-    **dict.fromkeys(SUFFIXES, read_points),
-}
-"""The readers of the files that a stroke may name, by suffix; each path is with whether the process is on."""
+            raise InputError(unknown_suffix(self.file, (*READERS, *MESH_SUFFIXES)))
+        if (self.contour or self.raster) and (self.file is None or suffix not in MESH_SUFFIXES):
+            raise InputError("contour and raster are for files of meshes")
+        stated = [(path, on if self.process is None else self.process) for path, on in found]
+        return strokes_of(name, stated, speed, reversible=self.reversible, closed=self.closed)
 
 
 # -- jobs -------------------------------------------------------------------------------------------------------------

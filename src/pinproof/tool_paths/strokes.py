@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -59,13 +58,23 @@ class Stroke:
         return replace(self, path=path.reversed() if reverse else path)
 
 
-def numbered(name: str, paths: Iterable[tuple[ToolPath, bool]], **options: Any) -> list[Stroke]:
-    """Strokes of paths of one source, each with whether the process is on; several have numbers behind the name."""
+def strokes_of(
+    name: str,
+    paths: Iterable[tuple[ToolPath, bool]],
+    speed: float | None,
+    *,
+    reversible: bool = True,
+    closed: bool | None = None,
+) -> tuple[Stroke, ...]:
+    """The strokes of one source, with whether the process is on; several have numbers behind the name.
+
+    ``speed`` (m/s) is that of paths that state none. By default, paths whose ends are equal are closed.
+    """
     found = list(paths)
-    names = [name] if len(found) == 1 else [f"{name} {number}" for number in range(1, len(found) + 1)]
-    closed = options.pop("closed", None)
     strokes = []
-    for own, (path, process) in zip(names, found, strict=True):
+    for number, (path, process) in enumerate(found, 1):
+        own = name if len(found) == 1 else f"{name} {number}"
+        named = replace(path, name=own, speed=speed if path.speed is None else path.speed)
         free = Stroke.can_be_closed(path) if closed is None else closed
-        strokes.append(Stroke(own, replace(path, name=own), process, closed=free, **options))
-    return strokes
+        strokes.append(Stroke(own, named, process, reversible, free))
+    return tuple(strokes)

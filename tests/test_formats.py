@@ -298,6 +298,21 @@ EVERYTHING["tool_paths"] = {
         {"name": "curve", "points": [[0, 0, 0], [0.1, 0, 0]], "normals": [[0, 0, 1], [0, 0.1, 1]]},
         {"name": "poses", "poses": [{"rpy": ["pi", 0, 0]}, {"xyz": [0.1, 0, 0], "quat_xyzw": [1, 0, 0, 0]}]},
         {"file": "path.json"},
+        {"file": "part.stl", "contour": {"normal": [0, 0, 1], "point": [0, 0, 0.01], "offset": 0.01}},
+        {"name": "face", "file": "part.stl", "contour": {"face": 0, "bend": 0.01, "inset": 0.001}},
+        {
+            "name": "strips",
+            "file": "part.stl",
+            "raster": {
+                "direction": [1, 0, 0],
+                "spacing": 0.02,
+                "normal": [0, 0, 1],
+                "margin": 0.01,
+                "joined": True,
+                "offset": 0.01,
+                "face": 1,
+            },
+        },
     ],
 }
 VALUES = {
@@ -530,6 +545,9 @@ BEYOND_A_SCHEMA = re.compile(
     r"|the arm does not rest|the arm moves at|accelerations are required"
     # the points of a tool path
     r"|normals for \d+ points|normal \d+ has length 0|the first and the last pose|looks like mm/s"
+    r"|the triangle with the number|the plane does not meet|inset|twice the margin|larger than the surface"
+    r"|of a raster must"
+    r"|does not face|a section needs|state the normal of the face|no planar face|closed surface|faces the direction"
     # the number of picks, the files
     r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers"
 )

@@ -64,7 +64,8 @@ def paths_of(
     """The paths of runs of feed moves between rapid moves and changes of the process, which is on if never stated."""
     stated = any(move.process is not None for move in moves)
     # The tool is at the origin before the first move
-    begin, axis, paths = np.zeros(3), None, []
+    begin, paths = np.zeros(3), []
+    axis: list[float] | None = None
     for (rapid, process), run in groupby(moves, lambda move: (move.rapid, bool(move.process))):
         points, axes, speeds = [begin], [axis], list[float | None]()
         for move in run:

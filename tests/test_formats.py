@@ -310,7 +310,7 @@ EVERYTHING["tool_paths"] = {
                 "margin": 0.01,
                 "joined": True,
                 "offset": 0.01,
-                "face": 1,
+                "face": 4,
             },
         },
     ],

@@ -157,6 +157,15 @@ def test_meshes_in_millimetres_are_recognised_and_noted(tmp_path):
     assert (strips.name, strips.process, strips.path.speed[0]) == ("part", False, 0.2)
 
 
+def test_the_number_of_a_triangle_is_that_of_the_file():
+    # Triangles without an area come first, and are dropped
+    faces = np.concatenate([[[0, 0, 1], [2, 2, 2]], BOX.faces])
+    mesh = trimesh.Trimesh(BOX.vertices, faces, process=False)
+    top = 2 + int(BOX.face_normals[:, 2].argmax())
+    (stroke,) = contour(mesh, face=top)
+    assert points_of(stroke)[:, 2] == pytest.approx(np.full(5, 0.025))
+
+
 def doubled():
     return trimesh.util.concatenate([BOX, trimesh.creation.box((0.2, 0.1, 0.05), np.eye(4) + 0.2 * np.eye(4, k=3))])
 
@@ -174,7 +183,7 @@ def flipped():
         (lambda: contour(BOX, normal=UP, face=0), "normal of the face"),
         (lambda: contour(BOX, normal=(0, 1, 1)), "no planar face with the normal"),
         (lambda: contour(BOX, normal=(0, 0, 0)), "normal"),
-        (lambda: contour(BOX, face=99), "99 does not exist; there are 12"),
+        (lambda: contour(BOX, face=99), "99 does not exist"),
         (lambda: contour(BOX, point=(0, 0, 0)), "point and normal"),
         (lambda: contour(BOX, normal=UP, point=(0, 0, 9)), "does not meet"),
         (lambda: contour(BOX, normal=UP, inset=0.06), "too large"),

@@ -59,7 +59,8 @@ class Surface:
             read = read if read.path is None else read_mesh(read.path, read.scale)  # type: ignore[arg-type]
         made = Trimesh(scale * read.vertices, read.triangles, process=False)
         made.merge_vertices(digits_vertex=9)
-        made.update_faces(made.nondegenerate_faces())
+        kept = made.nondegenerate_faces()
+        made.update_faces(kept)
         if not len(made.faces):
             raise InputError("the mesh has no triangle with an area")
         _, counts = np.unique(made.edges_unique_inverse, return_counts=True)
@@ -69,7 +70,7 @@ class Surface:
                 "opposite orientation; repair the mesh"
             )
         self.vertices, self.triangles = np.array(made.vertices), np.array(made.faces)
-        self.normals = np.array(made.face_normals)
+        self.normals, self.numbers = np.array(made.face_normals), np.flatnonzero(kept)
         # The edges as pairs of vertices, and those of each triangle by their numbers; pairs of neighbours with angles
         self.edges, self.own_edges = np.array(made.edges_unique), np.array(made.faces_unique_edges)
         self.pairs, self.angles = np.array(made.face_adjacency).reshape(-1, 2), np.array(made.face_adjacency_angles)
@@ -78,14 +79,13 @@ class Surface:
         """(F,) the allowed triangles that are connected to one of them across edges with at most an angle ``bend``."""
         from trimesh.graph import connected_component_labels
 
-        if not 0 <= start < len(allowed) or not allowed[start]:
-            what = (
-                "does not face the direction" if start < len(allowed) else f"does not exist; there are {len(allowed)}"
-            )
+        (row,) = np.flatnonzero(self.numbers == start)[:1] if start in self.numbers else (-1,)
+        if row < 0 or not allowed[row]:
+            what = "does not exist, or has no area" if row < 0 else "does not face the direction"
             raise InputError(f"the triangle with the number {start} {what}")
         pairs = self.pairs[(self.angles <= bend) & allowed[self.pairs].all(axis=1)]
         labels = connected_component_labels(pairs, len(allowed))
-        return np.asarray(allowed & (labels == labels[start]))
+        return np.asarray(allowed & (labels == labels[row]))
 
     def section(self, point: Array, normal: Array, inside: Flags) -> list[Chain]:
         """The lines in which a plane meets the triangles ``inside`` (F,); a closed one ends at its first point."""
@@ -190,7 +190,7 @@ class Contour:
             if not facing.any():
                 raise InputError(f"the mesh has no planar face with the normal {list(self.normal or ())}")
             heights = (surface.vertices[surface.triangles] @ np.array(self.normal)).max(axis=1)
-            start = int(np.where(facing, heights, -np.inf).argmax())
+            start = int(surface.numbers[np.where(facing, heights, -np.inf).argmax()])
         inside = surface.part(start, self.bend, every)
         # A face without a sharp edge is part of a curved one
         leaving = inside[surface.pairs].sum(axis=1) == 1

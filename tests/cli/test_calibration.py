@@ -91,3 +91,33 @@ def test_a_new_cell_keeps_the_calibration(run: Cli, file: str) -> None:
     arm = pp.read_picks("cell/picks.yaml").load_arm()
     q = np.array([0.3, -1.2, 1.5, -0.4, 0.8, 0.1])
     np.testing.assert_allclose(arm.forward_kinematics(q).homogeneous, calibrations.forward(TABLE, q), atol=1e-12)
+
+
+def test_a_motion_file_states_the_calibration_with_which_it_is_certified_again(run: Cli, file: str) -> None:
+    run.prints("plan", "ur5e", "--calibration", file, "--goal", "0.5 -1.2 1.2 -1.5 -1.5 0", "-o", "motion.json")
+    kept = pp.Trajectory.load("motion.json").certified[0].calibrations
+    stated = pp.load_robot("ur5e", calibration=file)
+    again = pp.load_robot("ur5e", calibration=kept["ur5e"])
+    assert again.urdf.text == stated.urdf.text
+    assert kept["ur5e"].same_as(stated.calibration)
+    # Without the option, the arm is that of the file
+    certificates = [run.json("certify", "ur5e", "motion.json", *more) for more in ((), ("--calibration", file))]
+    assert not any("motion states" in note for each in certificates for note in each["notes"])
+    # Another calibration is refused
+    other = calibrations.perturbed("ur5e", 4)
+    Path("other").mkdir()
+    elsewhere = str(calibrations.write(Path("other"), "ur5e", other, "csv"))
+    run.refuses("certify", "ur5e", "motion.json", "--calibration", elsewhere, named=("calibration.conf", elsewhere))
+    ignored = run.json("certify", "ur5e", "motion.json", "--calibration", elsewhere, "--ignore-record")
+    assert any(f"calibrated by {elsewhere}" in note for note in ignored["notes"])
+
+
+@pytest.mark.parametrize("kind", ["conf", "yaml", "csv"])
+def test_the_numbers_of_every_kind_of_calibration_are_restored_from_a_motion_file(tmp_path: Path, kind: str) -> None:
+    robot = pp.load_robot("ur5e", calibration=calibrations.write(tmp_path, "ur5e", TABLE, kind))
+    arm = robot.arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+    for suffix in (".json", ".csv"):
+        motion.save(tmp_path / f"m{suffix}", certificate=pp.certify(motion, pp.CollisionChecker(arm)))
+        (kept,) = pp.Trajectory.load(tmp_path / f"m{suffix}").certified[0].calibrations.values()
+        assert pp.load_robot("ur5e", calibration=kept).urdf.text == robot.urdf.text

@@ -79,7 +79,7 @@ def certify_motion(
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
     """
     # Without ROBOT and MOTION only a saved proof can be verified; other options then have no meaning.
-    arm = None if robot is None else setup.arm(robot)
+    arm = None if robot is None else setup.arm(robot, motion)
     sampled_or_written = bool(proof.save_proof or html or proof.with_audit or tolerances != ToleranceOptions())
     if proof.verify is not None:
         if rates != RateOptions():
@@ -210,7 +210,7 @@ def export(
     """
     dialect = pp.motion.dialect_of_file(output)
     check_output_files([output], [robot, motion, *setup.files])
-    checker = setup.checker(setup.arm(robot))
+    checker = setup.checker(setup.arm(robot, motion))
     trajectory = load_motion(motion, checker, ignore_record)
     with progress_status("certifying"):
         program, certificate = pp.collision.export_program(

@@ -184,7 +184,7 @@ def view(
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"
         raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
-    arm, world = setup.arm(robot), setup.world()
+    arm, world = setup.arm(robot, motion), setup.world()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": setup.attachments.bodies}
     # A motion is certified; a configuration is checked if there is something to collide with.
     if motion is not None:

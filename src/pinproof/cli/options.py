@@ -27,6 +27,7 @@ from pinproof.units import MOST_MARGIN, parse_angle, refuse_degrees, warn_of_deg
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from pinproof.description import Calibration
     from pinproof.spatial import SE3
 
 
@@ -175,14 +176,14 @@ class RobotFileOptions:
             found[name.strip()] = value
         return found
 
-    def load(self, robot: str) -> pp.Robot:
-        """Load a robot by catalogue name or file."""
+    def load(self, robot: str, measured: Calibration | None = None) -> pp.Robot:
+        """Load a robot by catalogue name or file, ``measured`` as a motion file states it unless an option does."""
         return pp.load_robot(
             robot,
             srdf=self.srdf,
             package_dirs=self.package_dir or (),
             xacro_args=self.xacro_args,
-            calibration=self.calibration,
+            calibration=self.calibration or measured,
         )
 
 
@@ -210,10 +211,16 @@ class ChainOptions(RobotFileOptions):
         """The input files."""
         return self.srdf, self.limits, self.calibration
 
-    def arm(self, robot: str) -> pp.Arm:
-        """Load the arm of a robot by catalogue name or file."""
+    def arm(self, robot: str, motion: Path | None = None) -> pp.Arm:
+        """Load the arm of a robot by catalogue name or file, calibrated as a motion file states it if no option is."""
         limits = None if self.limits is None else pp.JointLimits.load(self.limits)
-        return self.load(robot).arm(self.tcp, base=self.base, group=self.group, limits=limits)
+        measured = None
+        if motion is not None and self.calibration is None and not pp.motion.is_program_file(motion):
+            stated = [own for record in pp.Trajectory.load(motion).certified for own in record.calibrations.values()]
+            if stated:
+                measured = stated[0]
+                print_note(f"note: the arm is calibrated as {motion} states, with the numbers of {measured.path}")
+        return self.load(robot, measured).arm(self.tcp, base=self.base, group=self.group, limits=limits)
 
 
 SCENE_PANEL = "Scene and tool"
@@ -278,17 +285,17 @@ class SetupOptions(ChainOptions):
             return tool
         return tool.with_more(pp.collision.Attachments.load(self.attached), ("--tool-of", "--attached"))
 
-    def arm(self, robot: str) -> pp.Arm:
+    def arm(self, robot: str, motion: Path | None = None) -> pp.Arm:
         """Load the arm of a robot, with tcp and calibration of ``--tool-of`` if none are selected, and its held joints.
 
         InputError if the picks file of ``--tool-of`` states another tcp than the command.
         """
         if not self.has_tool:  # the packages that read these files are not imported then
-            return super().arm(robot)
+            return super().arm(robot, motion)
         # The tool is made for the tcp of its picks file, unless the command selects a chain; its arm is calibrated
         tcp = self.picks.tcp
         own = replace(self, calibration=self.calibration or self.picks.calibration)
-        arm = ChainOptions.arm(own if self.tcp or self.group else replace(own, tcp=tcp), robot)
+        arm = ChainOptions.arm(own if self.tcp or self.group else replace(own, tcp=tcp), robot, motion)
         if tcp is not None and tcp != arm.tcp:
             raise InputError(
                 f"the tool of --tool-of is made for tcp {tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tcp}"

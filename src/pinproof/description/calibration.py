@@ -27,9 +27,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
@@ -79,21 +79,37 @@ DELTA = st.Table(
 )
 
 
-@dataclass(frozen=True, eq=False)
+def _matrices(shape: tuple[int | None, ...]) -> st.Kind:
+    rows: dict[str, Any] = {"type": "number"}
+    for _ in shape:
+        rows = {"type": "array", "items": rows}
+    return st.optional(st.array_of(st.simple(rows), shape))
+
+
+@st.struct("calibration", eq=False)
 class Calibration:
     """The content of a calibration file: either ``deltas`` of a DH table, or the ``origins`` of the joints."""
 
-    path: Path
-    format: str
-    like: str | None = "ur"
-    """The make whose nominal table the deltas refer to; None for a table of ``convention``."""
-    convention: str = "standard"
-    joints: tuple[str, ...] = ()
-    """Names of the joints in order; empty for the six joints of a Universal Robots arm."""
-    deltas: Array | None = None
-    """(n, 4) theta, d, a, alpha."""
-    origins: Array | None = None
-    """(n, 4, 4) previous_joint_from_joint at 0, the z axes on the joint axes."""
+    path: Path = st.key("the file", kind=st.simple({"type": "string"}, lambda _, value: Path(value)))
+    format: str = st.key("what the file is")
+    like: Annotated[str | None, st.optional(st.choice(*MAKES))] = st.key(
+        "the make whose nominal table the deltas refer to; null for a table of `convention`", default="ur"
+    )
+    convention: str = st.key("that of the table", default="standard", kind=st.choice(*CONVENTIONS))
+    joints: tuple[str, ...] = st.key(
+        "names of the joints in order; empty for the six joints of a Universal Robots arm", default=()
+    )
+    deltas: Annotated[Array | None, _matrices((None, 4))] = st.key(
+        "(n, 4) theta, d, a, alpha of each joint", "rad or m", default=None
+    )
+    origins: Annotated[Array | None, _matrices((None, 4, 4))] = st.key(
+        "(n, 4, 4) previous_joint_from_joint at 0, the z axes on the joint axes", "m", default=None
+    )
+
+    def same_as(self, other: Calibration) -> bool:
+        """Whether the numbers, and what they refer to, are the same."""
+        kinds = ("like", "convention", "joints", "deltas", "origins")
+        return all(st.plain(getattr(self, kind)) == st.plain(getattr(other, kind)) for kind in kinds)
 
 
 def calibration_format(path: Path) -> str:

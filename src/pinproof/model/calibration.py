@@ -91,7 +91,8 @@ def calibrated(robot: Robot, calibration: Calibration) -> Robot:
         return flange @ origin if joint.parent == joints[-1].child else origins.get(joint.name, origin)
 
     what = f"the origins of its joints are calibrated by {calibration.path}"
-    return replace(robot, urdf=with_origins(robot.urdf, moved), nominal=robot, remarks=(*robot.remarks, what))
+    urdf, remarks = with_origins(robot.urdf, moved), (*robot.remarks, what)
+    return replace(robot, urdf=urdf, nominal=robot, calibration=calibration, remarks=remarks)
 
 
 def true_chain(table: DhTable, calibration: Calibration) -> list[Array]:

@@ -20,6 +20,7 @@ from pinproof.common.results import shortened
 from pinproof.description import (
     OVERLAP_REASON,
     WORLD,
+    Calibration,
     CatalogueEntry,
     DhTable,
     DisabledPair,
@@ -63,7 +64,7 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
     geometry_model: Any = None,
-    calibration: str | Path | None = None,
+    calibration: str | Path | Calibration | None = None,
 ) -> Robot:
     """Load a robot by name, from a file, a text or a table, or from an object of another library.
 
@@ -90,7 +91,8 @@ def load_robot(
     calibration
         A file with the measured kinematics of this one arm: the ``calibration.conf`` of a Universal Robots controller,
         the ``kinematics`` of their ROS driver (YAML), or differences of a DH table (CSV);
-        :mod:`pinproof.description.calibration` describes them. Only the origins of joints change.
+        :mod:`pinproof.description.calibration` describes them. Only the origins of joints change. Or a calibration that
+        was read before, such as that of a motion file (:attr:`pinproof.motion.MotionRecord.calibrations`).
 
     Raises
     ------
@@ -105,7 +107,7 @@ def load_robot(
         a model is not supported, or ``xacro_args`` or ``geometry_model`` is given for another source.
     """
     if calibration is not None:
-        measured = read_calibration(calibration)
+        measured = calibration if isinstance(calibration, Calibration) else read_calibration(calibration)
         own = load_robot(
             source, srdf=srdf, package_dirs=package_dirs, xacro_args=xacro_args, geometry_model=geometry_model
         )

@@ -25,7 +25,7 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Identified, Rows, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import ReadOnlyDict, require_type
-from pinproof.description import GENERATED_BODIES, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
+from pinproof.description import GENERATED_BODIES, Calibration, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
@@ -625,6 +625,7 @@ class Robot(Identified):
         default_factory=dict,
     )
     nominal: Robot | None = key("the robot before its calibration; None for a robot without one", default=None)
+    calibration: Calibration | None = key("the numbers of its calibration", default=None)
     remarks: tuple[str, ...] = key("sentences on how it was loaded, which are among the :attr:`notes`", default=())
     _model: Any = field(init=False, repr=False, compare=False)
 
@@ -688,6 +689,12 @@ class Robot(Identified):
             reach[joint] = reach[model.parents[joint]] + step
         own = [frame for frame in model.frames if frame.name not in self.movers.values()]
         return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in own))
+
+    @property
+    def calibrations(self) -> dict[str, Calibration]:
+        """The calibrations by the name of the robot, or of each robot of a cell; without the nominal robots."""
+        robots = self.parts or {self.name: self}
+        return {name: own.calibration for name, own in robots.items() if own.calibration is not None}
 
     @property
     def has_generated_bodies(self) -> bool:

@@ -33,6 +33,7 @@ from pinproof.common.files import (
     write_text_whole,
 )
 from pinproof.common.results import Written
+from pinproof.description import Calibration
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.spatial import Array
 
@@ -104,6 +105,9 @@ class MotionRecord(Written):
     )
     constraints: tuple[str, ...] = st.key(
         "the certified constraints of the tcp, with all their numbers", default=(), kind=st.list_of(st.ANY_TEXT)
+    )
+    calibrations: Mapping[str, Calibration] = st.key(
+        "the calibration of each calibrated arm, by the name of its robot", default_factory=dict
     )
 
     def same_setup(self, other: MotionRecord) -> bool:

@@ -34,7 +34,7 @@ from pinproof.collision.scene import Scene
 from pinproof.common.files import os_errors
 from pinproof.common.results import Shown, View
 from pinproof.common.structs import described, key
-from pinproof.description import GENERATED_BODIES
+from pinproof.description import GENERATED_BODIES, Calibration
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
 from pinproof.motion import Curve, LimitCheck, LimitViolation, MotionRecord
@@ -170,7 +170,7 @@ def body_digest(body: Obstacle) -> str:
 def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) -> tuple[str, ...]:
     """List, in sentences, which parts of the setup of a certified motion the checker does not have.
 
-    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none.
+    Compared are attached bodies, positions of held joints, calibrations, and the obstacles if the checker has none.
     """
     if not records:
         return ()
@@ -190,6 +190,11 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     for name, value in first.held.items():
         if name in held and abs(held[name] - value) > HELD_TOLERANCE:
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
+    own = checker.arm.robot.calibrations
+    for name, known in first.calibrations.items():
+        if name not in own or not known.same_as(own[name]):
+            is_now = f"calibrated by {own[name].path}" if name in own else "the nominal one"
+            found.append(f"it was certified for the {name} that {known.path} calibrates, but the arm now is {is_now}")
     if first.obstacles and not checker.scene:
         found.append(
             f"it was certified among the obstacles {_listed(first.obstacles)}, but the scene has no obstacles now"
@@ -375,6 +380,9 @@ class Certificate(Shown):
     attached: tuple[Obstacle, ...] = key("the bodies that move with the tcp", default=())
     held: Mapping[str, float] = key("values of the joints outside the arm", "rad or m", default_factory=dict)
     obstacles: tuple[str, ...] = key("names of the obstacles", default=())
+    calibrations: Mapping[str, Calibration] = key(
+        "the calibration of each calibrated arm, by the name of its robot", default_factory=dict
+    )
     constraints: tuple[ConstraintProof, ...] = key(
         "the constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``. "
         "``tube.largest_joints`` is about collisions only",
@@ -505,6 +513,7 @@ class Certificate(Shown):
             self.held,
             self.obstacles,
             tuple(exact_text(proof.constraint) for proof in self.constraints),
+            self.calibrations,
         )
 
     def save(self, path: str | Path) -> None:

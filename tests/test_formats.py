@@ -226,6 +226,17 @@ EVERYTHING: dict[str, Any] = {
                     "held": {"rail": 0.5},
                     "obstacles": ["table"],
                     "constraints": ["upright"],
+                    "calibrations": {
+                        "ur5": {
+                            "path": "calibration.csv",
+                            "format": "differences",
+                            "like": None,
+                            "convention": "modified",
+                            "joints": ["a"],
+                            "deltas": [[0.0, 0.0, 0.001, 0.0]],
+                            "origins": None,
+                        }
+                    },
                 }
             ],
         },

@@ -99,7 +99,7 @@ def test_a_motion_file_states_the_calibration_with_which_it_is_certified_again(r
     stated = pp.load_robot("ur5e", calibration=file)
     again = pp.load_robot("ur5e", calibration=kept["ur5e"])
     assert again.urdf.text == stated.urdf.text
-    assert kept["ur5e"].same_as(stated.calibration)
+    assert kept == {"ur5e": stated.calibration}
     # Without the option, the arm is that of the file
     certificates = [run.json("certify", "ur5e", "motion.json", *more) for more in ((), ("--calibration", file))]
     assert not any("motion states" in note for each in certificates for note in each["notes"])

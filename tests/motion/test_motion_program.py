@@ -2,11 +2,13 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.description import Calibration
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, certificate_id
 
@@ -18,8 +20,14 @@ def motion(*points, quintic=False):
 
 
 def record(trajectory, name):
-    bodies = {"part": "1a"}, {"f": 0.1}
-    return MotionRecord(name, 0.0, trajectory.duration, "FREE", 0.01, 0.002, 3, trajectory.digest(), "setup", *bodies)
+    bodies, arm = (
+        ({"part": "1a"}, {"f": 0.1}),
+        Calibration(Path("a.csv"), "differences", deltas=[[0.0, 0.0, 1e-3, 0.0]]),
+    )
+    hashes = trajectory.digest(), "setup"
+    return MotionRecord(
+        name, 0.0, trajectory.duration, "FREE", 0.01, 0.002, 3, *hashes, *bodies, calibrations={"arm": arm}
+    )
 
 
 def program(*, dwell=0.25, quintic=False):

@@ -106,10 +106,15 @@ class Calibration:
         "(n, 4, 4) previous_joint_from_joint at 0, the z axes on the joint axes", "m", default=None
     )
 
-    def same_as(self, other: Calibration) -> bool:
-        """Whether the numbers, and what they refer to, are the same."""
-        kinds = ("like", "convention", "joints", "deltas", "origins")
-        return all(st.plain(getattr(self, kind)) == st.plain(getattr(other, kind)) for kind in kinds)
+    def __eq__(self, other: object) -> bool:
+        """Whether the numbers, and what they refer to, are the same; the file may be another."""
+        return isinstance(other, Calibration) and self._numbers() == other._numbers()
+
+    def __hash__(self) -> int:
+        return hash(str(self._numbers()))
+
+    def _numbers(self) -> Any:
+        return st.plain((self.like, self.convention, self.joints, self.deltas, self.origins))
 
 
 def calibration_format(path: Path) -> str:

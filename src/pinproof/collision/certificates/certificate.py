@@ -192,7 +192,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
     own = checker.arm.robot.calibrations
     for name, known in first.calibrations.items():
-        if name not in own or not known.same_as(own[name]):
+        if known != own.get(name):
             is_now = f"calibrated by {own[name].path}" if name in own else "the nominal one"
             found.append(f"it was certified for the {name} that {known.path} calibrates, but the arm now is {is_now}")
     if first.obstacles and not checker.scene:

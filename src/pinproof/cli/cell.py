@@ -104,7 +104,17 @@ def cell_sequence(
     conditions: ConditionOptions,
     ordering: OrderOptions,
     output: list[Path] | None = option(
-        "The sequence as .json, .md, .csv or .html; can be given several times.", None, "-o", "--output", metavar="FILE"
+        "The sequence as .json, .md, .csv or .html, or a folder for the programs of --export; can be given several "
+        "times.",
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER",
+    ),
+    export: str | None = option(
+        "Also write a robot program of each step to the folder of -o: urscript, rapid, krl or fanuc.",
+        None,
+        metavar="LANGUAGE",
     ),
     heat_map: Path | None = option(
         "Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page.", None
@@ -116,11 +126,14 @@ def cell_sequence(
 ) -> None:
     """Order the picks of a file so that the certified motions take the shortest total time.
 
-    Exit code 1 if a pick cannot be executed; it is left out.
+    Exit code 1 if a pick cannot be executed, which is then left out, or a program of --export is not proven.
 
     Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
-    outputs = output or []
+    folders = [path for path in output or () if export is not None and (path.is_dir() or not path.suffix)]
+    outputs = [path for path in output or () if path not in folders]
+    if export is not None and len(folders) != 1:
+        raise InputError("--export writes programs to a folder; add one -o FOLDER")
     check_output_files(outputs, [file, heat_map, *cell.files], pp.cell.SequenceResult.formats)
     if heat_map is not None and not any(path.suffix.lower() == ".html" for path in outputs):
         raise InputError("--heat-map belongs to a page; add -o FILE.html")
@@ -131,6 +144,10 @@ def cell_sequence(
     _refuse_problems(file, picks)
     setup = pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=seed)
     chosen = selection.select(picks)
+    if export is not None:
+        pp.picks.check_export(arm, picks, export)
+        if len(picks.tools) > 1 and isinstance(picks.tool_change, float):
+            raise InputError("a robot program does not change the tool; remove --export, or use the picks of one tool")
     interrupted: RunInterrupted | None = None
     try:
         with progress_bar("sequence") as show:
@@ -150,6 +167,12 @@ def cell_sequence(
         if error.result is None or not error.result.steps:
             raise Interrupted from None
         result, interrupted = error.result, error
+    if export is not None:
+        folders[0].mkdir(parents=True, exist_ok=True)
+        with progress_status(f"programs in {export}"):
+            result, notes = result.export_programs(folders[0], export)
+        for note in notes:
+            print_note(f"note: {note}")
     # Files, then the answer: of an interrupted search, the best sequence so far.
     for path in outputs:
         result.save(path, heat_map=heat)
@@ -157,8 +180,8 @@ def cell_sequence(
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):
         print_note(guess)
-    ok = result.ok or interrupted is not None
-    print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=ok)
+    ok = (result.ok and (export is None or len(result.exported) == len(result.steps))) or interrupted is not None
+    print_result(result.to_dict(), [result.to_text(), *written(*folders, *outputs)], as_json=as_json, ok=ok)
     if interrupted is not None:
         raise Interrupted(str(interrupted), result_printed=True)
 

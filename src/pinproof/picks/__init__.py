@@ -76,12 +76,15 @@ from pinproof.picks.judging.verdict import (
 from pinproof.picks.report.profile import (
     BodyTime as BodyTime, PickProfile as PickProfile, StageTime as StageTime, profile_picks as profile_picks,
 )  # fmt: skip
-from pinproof.picks.report.program_details import check_export as check_export
+from pinproof.picks.report.program_details import (
+    check_export as check_export, with_motion as with_motion, with_return as with_return,
+)  # fmt: skip
 from pinproof.picks.report.program_export import (
     ExportedProgram as ExportedProgram, PicksProgram as PicksProgram, ProgramCheck as ProgramCheck,
     certify_picks_program as certify_picks_program, export_picks as export_picks,
     recertify_program as recertify_program,
 )  # fmt: skip
+from pinproof.picks.report.program_files import write_programs as write_programs
 from pinproof.picks.report.report import (
     FIGURES as FIGURES, REPORT_SUFFIXES as REPORT_SUFFIXES, PickReport as PickReport,
     write_motion_pages as write_motion_pages,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -18,8 +19,17 @@ from pinproof.common.files import csv_text
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
 from pinproof.errors import InputError
 from pinproof.model import guess_mark
-from pinproof.motion import Bounds, MotionProgram, least_times
-from pinproof.picks import Pick, PickMotion, PickSetup, PickVerdict
+from pinproof.motion import Bounds, MotionProgram, find_dialect, least_times
+from pinproof.picks import (
+    ExportedProgram,
+    Pick,
+    PickMotion,
+    PickSetup,
+    PickVerdict,
+    check_export,
+    with_motion,
+    write_programs,
+)
 from pinproof.viewer import Bar, ColouredPoints, FilmPhase, film, set_stage, simplified
 
 CHANGE = ("return", "change")
@@ -200,8 +210,10 @@ class SequenceStep:
             limits.append((moved.duration, least, f"{name}: {limit}"))
         return limits
 
-    def program(self) -> MotionProgram:
-        """The step as a program for a robot controller, with the events grip and release.
+    def program(self, *, names: bool = True) -> MotionProgram:
+        """The step as a motion program with the events grip and release.
+
+        With ``names``, the name of a transit that turns joints back by full rotations states them.
 
         Raises
         ------
@@ -215,7 +227,7 @@ class SequenceStep:
         # the name of a first motion that unwinds states which joints, and by how much
         first = program.segments[0]
         turned = unwound(first.trajectory, self.budgeted)
-        if not turned or first.name != "transit":
+        if not names or not turned or first.name != "transit":
             return program
         text = ", ".join(f"{joint} by {360 * turns} deg" for joint, turns in turned.items())
         return replace(program, segments=(replace(first, name=f"{UNWIND} {text}"), *program.segments[1:]))
@@ -240,7 +252,8 @@ SLOWEST, SHOWN = 3, 20
     "sequence",
     first=("robot", "summary", "ok", "interrupted", "acceleration_source", "notes", "duration", "moving",
            "lower_bound", "gap", "file_order", "nearest_neighbour", "tool_changes", "parts_per_minute",
-           "clearance_proven", "by_phase", "closing", "twist", "steps", "left_out", "precedence"),
+           "clearance_proven", "by_phase", "closing", "program_duration", "exported", "twist", "steps", "left_out",
+           "precedence"),
     written=True,
     version="pinproof/sequence/1",
     eq=False,
@@ -271,6 +284,48 @@ class SequenceResult(Answer, Saved, Written):
     nearest_neighbour: float = st.key("the same in the order of the nearest neighbour", "s", kind=st.OPTIONAL_NUMBER)
     wanted: int = st.key("number of picks that can be executed", hidden=True)
     interrupted: bool = st.key("whether the search was interrupted", default=False)
+    exported: tuple[ExportedProgram, ...] = st.key(
+        "the programs of controllers that :meth:`export_programs` wrote", default=(), added=True
+    )
+
+    def export_programs(
+        self, folder: str | Path, language: str, *, output: str | None = None, deviation: float | None = None
+    ) -> tuple[SequenceResult, list[str]]:
+        """Write each step as a program of a robot controller that begins where the one before it ends.
+
+        The programs are certified in the scenes of their moments; the last one contains the motion to the end. A
+        routine ``main`` calls them in order, if the language has routines in other files.
+
+        Parameters
+        ----------
+        folder
+            The existing folder.
+        language, output, deviation
+            As for :func:`pinproof.picks.export_picks`; by default the output of the picks file, or of the language.
+
+        Returns
+        -------
+        tuple[SequenceResult, list[str]]
+            The sequence with the programs that were written, and what is not covered or not written, in sentences.
+
+        Raises
+        ------
+        InputError
+            If the language cannot express the joints, or a step begins with a change of the tool.
+        """
+        check_export(self.setup.checker.arm, self.setup.shared, language)
+        picks = list[tuple[PickSetup, Pick, MotionProgram]]()
+        for step in self.steps:
+            program = step.program(names=False)
+            home, checker = self.setup.home, self.setup.checker.with_scene(step.scene)
+            if step is self.steps[-1] and self.closing is not None:
+                program, home = with_motion(program, self.closing), self.closing.trajectory.end
+            picks.append((replace(self.setup, checker=checker, home=home), step.verdict.pick, program))
+        calls = bool(find_dialect(language).call)
+        written, notes = write_programs(
+            folder, language, picks, output=output, deviation=deviation, main=calls and self.complete
+        )
+        return replace(self, exported=written), notes
 
     def _view(self) -> View:
         rows: list[tuple[object, ...]] = []
@@ -298,6 +353,7 @@ class SequenceResult(Answer, Saved, Written):
             orders = f"{self.file_order:.2f} s and of the nearest neighbour {self.nearest_neighbour:.2f} s"
             bounds = f"lower bound {self.lower_bound:.2f} s, motions {self.moving:.2f} s"
             lines += [f"{bounds}; bounds of the file order {orders}", f"utilisation: {shares}"]
+            lines += [f"{what}: {text}" for what, text in self._program_time]
             lines += [f"twist from home: {'; '.join(map(str, self._budgeted))}"] if self._budgeted else []
             for step in self.slowest(SLOWEST):
                 lines.append(f"slow: {step.name}, {step.duration:.2f} s, limited by {step.limited_by}")
@@ -325,6 +381,23 @@ class SequenceResult(Answer, Saved, Written):
     def duration(self) -> float:
         """All motions and dwell times."""
         return (self.steps[-1].end if self.steps else 0.0) + self.closing_time
+
+    @st.reported("s", kind=st.OPTIONAL_NUMBER)
+    def program_duration(self) -> float:
+        """Cycle time of the exported programs by the rules of their controller; null unless all were written."""
+        complete = bool(self.steps) and len(self.exported) == len(self.steps)
+        return sum(own.duration for own in self.exported) if complete else float("nan")
+
+    @property
+    def _program_time(self) -> list[tuple[str, str]]:
+        """What the figures of the sequence state about its programs."""
+        if not self.exported:
+            return []
+        what = f"cycle of the {self.exported[0].language} programs"
+        if math.isnan(self.program_duration):
+            return [(what, f"only {len(self.exported)} of {len(self.steps)} are proven")]
+        longer = 100.0 * (self.program_duration / self.duration - 1.0)
+        return [(what, f"{self.program_duration:.1f} s ({longer:+.1f} %)")]
 
     @property
     def dwell(self) -> float:
@@ -462,7 +535,8 @@ class SequenceResult(Answer, Saved, Written):
 
     def to_markdown(self) -> str:
         """The result in one line, and the table of the picks that is shown."""
-        return markdown(f"# Sequence of {self.robot}", super().to_markdown().rstrip())
+        programs = [f"{what}: {text}" for what, text in self._program_time]
+        return markdown(f"# Sequence of {self.robot}", super().to_markdown().rstrip(), *programs)
 
     def save(self, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None) -> None:
         """Write the sequence as JSON, CSV, Markdown, or as a page (.html) that opens offline in any browser.
@@ -522,6 +596,7 @@ class SequenceResult(Answer, Saved, Written):
             summary=self.message,
             figures=[
                 (f"cycle{guess_mark(self.acceleration_source)}", f"{self.duration:.1f} s"),
+                *self._program_time,
                 ("parts per minute", f"{self.parts_per_minute:.1f}"),
                 ("above the lower bound", f"{100 * self.gap:.1f} %"),
                 (f"motions, smallest proven clearance {proven_millimetres(self.clearance)}", free),

@@ -300,6 +300,9 @@ _PARTS = {
 PARTS = tuple(_PARTS)
 """The parts of the motion of a pick, in order."""
 
+RETURN = "return"
+"""The motion to home after the part is put down, which programs of controllers and sequences have."""
+
 SPEED_READ_ONLY = "the speeds of a pick are read-only; make another pick with dataclasses.replace(pick, speed=...)"
 
 

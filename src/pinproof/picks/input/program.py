@@ -34,6 +34,9 @@ class ProgramSettings:
         "a routine of the controller that is called before a program ends because the input is off; by default none",
         default=None,
     )
+    home: bool = st.key(
+        "whether a program returns to home after the part is put down, if a return is proven", default=True
+    )
     main: bool = st.key("whether a routine `main` that calls the programs in order is written too", default=False)
     external_axes: tuple[str, ...] | None = st.key(
         "the joints that the controller moves as external axes; by default the prismatic joints before the last six",

@@ -27,7 +27,7 @@ from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
 from pinproof.picks.grasps.proposals import with_proposals
-from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.input.pick import RETURN, Member, Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import PickCheck, contact_words, judge_grip
@@ -260,6 +260,8 @@ class PickSetup:
                 proof, timed = prove_part(part, trajectory, 0.0 if part.parting else deviation), trajectory
             else:
                 proof, timed = prove_executed(part, executed[key]), executed[key].timed
+            if part.name == RETURN and (off := float(np.abs(trajectory.end - self.home).max())) > GRASP_TOLERANCE:
+                faults[key] = f"the return ends {off:.3g} rad or m from home"
             hold = task.hold(member) if part.name in CARRYING else None
             if hold is not None and not (peak := hold.peak(timed)).holds:
                 faults[key] = "; ".join(filter(None, [faults.get(key), f"the part {peak}"]))

@@ -755,6 +755,10 @@ class PickTask:
         others = self.scene.remove(held.name) if self.from_scene else self.scene
         return self._allowing_hand(self.outside.with_scene(others.add(placed)))
 
+    def returning(self, member: Member) -> CollisionChecker:
+        """The checker with the object at its place and the open hand away from it."""
+        return self.outside.with_scene(self.letting_go(member).scene)
+
     @once_per_grasp
     def opening(self, member: Member) -> CollisionChecker:
         """The checker while the fingers open at the place."""

@@ -30,7 +30,7 @@ from pinproof.motion import (
     rest,
     time_parametrise,
 )
-from pinproof.picks.input.pick import PARTS, Member
+from pinproof.picks.input.pick import PARTS, RETURN, Member
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.hold import held_in_motion
 from pinproof.picks.judging.lines import Attempt, Pairs
@@ -408,6 +408,8 @@ def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), part
         return MotionPart(name, curves, task.before(member, touching=True), passing=task.passing(member))
     if name == "leave":
         return MotionPart(name, curves, task.letting_go(member), passing=task.passing(member, placed=True))
+    if name == RETURN:
+        return MotionPart(name, curves, task.returning(member))
     carrying, kept = task.carrying(member), task.constraints(member)
     return MotionPart(name, curves, carrying, parting, backwards=name == "place", constraints=kept)
 
@@ -415,10 +417,10 @@ def part_of(task: PickTask, member: Member, name: str, curves: Curves = (), part
 def part_again(task: PickTask, member: Member, name: str, trajectory: Trajectory) -> MotionPart:
     """The part of a motion that is timed already, with the supports that the object leaves or reaches."""
     place = task.pick.place
-    names: tuple[str, ...] = PARTS
+    names: tuple[str, ...] = (*PARTS, RETURN)
     what = f"with object {task.name!r}"
     if task.name is None:
-        names, what = ("pick", *PARTS[:3]), "without an object"
+        names, what = ("pick", *PARTS[:3], RETURN), "without an object"
     elif place is None:  # the object would be where it was grasped
         names, what = PARTS[:3], "without a place"
     if name not in names:

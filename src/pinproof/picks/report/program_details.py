@@ -2,14 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
-from pinproof.motion import MotionProgram, ToolData, UserFrame, external_joints, find_dialect
-from pinproof.picks.input.pick import Pick
+from pinproof.motion import (
+    MotionProgram,
+    ProgramSegment,
+    ToolData,
+    UserFrame,
+    certificate_id,
+    external_joints,
+    find_dialect,
+)
+from pinproof.picks.input.pick import RETURN, Pick
 from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.task import torque_limits_of_tool
+from pinproof.picks.judging.verdict import PickMotion
+from pinproof.planning import plan, planner_of
 from pinproof.spatial import SE3
 
 # Names of links that are flanges by convention.
@@ -87,3 +100,33 @@ def part_load(setup: PickSetup, tool: ToolData, pick: Pick, program: MotionProgr
     if part is None or not tool.mass:
         return None
     return Payload(part.mass, part.placed(tool.tcp * task.holding(member).pose).center_of_mass)
+
+
+def with_return(setup: PickSetup, pick: Pick, program: MotionProgram) -> tuple[MotionProgram, str]:
+    """The program of a pick with a certified return to home, or unchanged with the reason why it does not return."""
+    last = program.segments[-1]
+    if last.name != "leave":
+        return program, "it ends with the part in the hand, or at it"
+    task, member = setup.made_by(pick, program.member)
+    checker, torques = task.returning(member), torque_limits_of_tool(task.arm, task.cell.shared)
+    motion = plan(
+        checker,
+        last.trajectory.end,
+        setup.home,
+        planner=planner_of(setup.budget.planner).limited_to(setup.budget.nodes),
+        rate_limits=[] if torques is None else [torques],
+        blend=False,
+        budget=setup.budget.motion,
+    )
+    if not motion.ok:
+        return program, motion.message
+    around = checker.attached, checker.scene, checker.arm.held
+    return with_motion(program, PickMotion(RETURN, motion.trajectory, motion.certificate, *around)), ""
+
+
+def with_motion(program: MotionProgram, motion: PickMotion) -> MotionProgram:
+    """The program with a certified return after its last motion."""
+    record = motion.certificate.motion_record(RETURN, 0.0, motion.trajectory.duration)
+    segment = ProgramSegment(RETURN, program.duration, motion.trajectory, certificate_id(record))
+    records = {**program.certificates, segment.certificate: record}
+    return replace(program, segments=(*program.segments, segment), certificates=records)

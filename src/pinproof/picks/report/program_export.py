@@ -68,7 +68,7 @@ from pinproof.motion import (
     time_parametrise,
     without_slow_zones,
 )
-from pinproof.picks.input.pick import Pick
+from pinproof.picks.input.pick import RETURN, Pick
 from pinproof.picks.input.picks import MOUNTED
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.task import rate_limits
@@ -182,7 +182,8 @@ def export_picks(
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
-            steps += [Remark(f"pick {pick.name}: {segment.name}"), *moves]
+            home = " home" if segment.name == RETURN else ""
+            steps += [Remark(f"pick {pick.name}: {segment.name}{home}"), *moves]
             counts.append((segment.name, len(moves)))
             for event in program.events:
                 if math.isclose(event.time, segment.end, abs_tol=1e-9):
@@ -281,7 +282,8 @@ class PickMoves:
     def _add(self, stretch: Sequence[ProgramSegment], here: Array) -> Array:
         """Add the fastest moves from stop to stop, and return their end."""
         pick, place, member = self._task.pick, self._task.place, self._member
-        end, last = stretch[-1].trajectory.end, stretch[-1].name
+        returns = stretch[-1].name == RETURN
+        end, last = stretch[-1].trajectory.end, stretch[-2 if returns else -1].name
         grasped = self.moves and any(self.moves.values())  # the moves before this stretch
         out = into = None
         if not grasped:  # towards the part
@@ -297,7 +299,7 @@ class PickMoves:
         else:
             out = self._line("retreat", here, pick.after(self._task.grasp(member)), pick.retreat)
             into = self._line("place", end, place.before(self._task.release(member)), place.approach)
-        alone = out is not None and into is None
+        alone = out is not None and into is None and not returns
         options = product(
             [None] if out is None else [1.0] if alone else out.shares(),
             [None] if into is None else into.shares(),
@@ -349,13 +351,13 @@ class PickMoves:
         if leaving[0] is not None and lines[0] is not None:
             stages, paths = [leaving[0].stage], [lines[0]]
         if spare is not None:
-            part = next(p for p in self._parts.values() if p.name in ("transit", "transfer", "pick"))
+            part = next(p for p in self._parts.values() if p.name in FREE_MOTIONS)
             first = here if lines[0] is None else lines[0].end
             last = end if lines[1] is None else lines[1].end
             points = self._joint_moves(stretch, part, first, last, spare)
             if points is None:
                 return None
-            stages += ["transit" if part.name != "transfer" else "transfer"] * (len(points) - 1)
+            stages += ["transit" if part.name == "pick" else part.name] * (len(points) - 1)
             paths += [JointPath(pair, self._arm.joint_names) for pair in pairwise(points)]
         if entering[0] is not None and lines[1] is not None:
             stages, paths = [*stages, entering[0].stage], [*paths, lines[1].reversed()]
@@ -504,7 +506,7 @@ def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path)
     return ProgramCheck(stored.name, own, False, duration=stored.duration)
 
 
-FREE_MOTIONS = ("transit", "transfer", "pick")
+FREE_MOTIONS = ("transit", "transfer", "pick", RETURN)
 """The names of certified motions on which nothing is touched."""
 
 

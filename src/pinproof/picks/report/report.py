@@ -5,23 +5,25 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from pinproof.collision import Scene, proven_millimetres
 from pinproof.common import theme
-from pinproof.common.files import csv_text, file_stems, write_text_whole
+from pinproof.common.files import csv_text, file_stems
 from pinproof.common.results import Rows, Saved, View, Written, markdown
 from pinproof.common.structs import key, reported, struct
 from pinproof.common.validation import optional_module
 from pinproof.errors import InputError
 from pinproof.model import Arm, guess_note
-from pinproof.motion import MotionProgram, find_dialect
+from pinproof.motion import MotionProgram
+from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
-from pinproof.picks.report.program_export import ExportedProgram, NoMoves, export_picks
+from pinproof.picks.report.program_details import with_return
+from pinproof.picks.report.program_export import ExportedProgram
+from pinproof.picks.report.program_files import write_programs
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
@@ -35,9 +37,6 @@ FIGURES = (
     "moves and the duration of the program of its controller, which has a certificate of its own"
 )
 """Which figures of a report are of the motion, and which of programs."""
-
-FEW_MOVES, LONGER = 12, 1.1
-"""Moves of a program, and its duration by that of the certified motion, above which a note states it."""
 
 Column: TypeAlias = Callable[[PickVerdict], object]
 """A column of a report: its value for a verdict."""
@@ -306,6 +305,8 @@ class PickReport(Saved, Written):
     ) -> tuple[PickReport, list[str]]:
         """Write each good pick as a program of a robot controller, if what its text executes is proven.
 
+        After the part is put down, a program returns to home, unless the picks file states otherwise.
+
         Parameters
         ----------
         folder
@@ -321,47 +322,20 @@ class PickReport(Saved, Written):
             The report with the programs that were written, which are a further column too, and what is not covered or
             not written, in sentences.
         """
-        dialect, written, notes = find_dialect(language), list[ExportedProgram](), list[str]()
+        if self.setup is None:
+            raise InputError("the report has no set-up in which a program could be certified")
+        settings, notes = self.setup.shared.program, list[str]()
+        picks = list[tuple[PickSetup, Pick, MotionProgram]]()
         programs = self.programs(grip_dwell=grip_dwell, release_dwell=release_dwell)
-        stems = list[str]()  # controllers find a program in the file of its name
-        for program in programs:
-            stems.append(dialect.identifier(program.name, stems))
-        for verdict, program, stem in zip(self.good, programs, stems, strict=True):
-            if self.setup is None:
-                raise InputError("the report has no set-up in which a program could be certified")
-            own = self.setup.shared.program.output
-            picks, gripper = [(verdict.pick, program)], output or own or dialect.outputs
-            try:
-                made = export_picks(self.setup, picks, language, output=gripper, name=stem, deviation=deviation)
-            except NoMoves as error:
-                notes.append(f"the {language} program of {stem} is not written: {error}")
-                continue
-            notes += made.notes
-            if made.free:
-                made.program.save(Path(folder) / f"{stem}{dialect.endings[0]}")
-                moves = len(made.program.moves)
-                name = verdict.pick.name
-                written.append(ExportedProgram(name, language, moves, made.duration, made.motion_duration))
-                if moves > FEW_MOVES or made.duration > LONGER * made.motion_duration:
-                    notes.append(f"the {language} program of {stem} is long: {written[-1]}")
-            else:
-                failed = next(proof for proof in made.certificates[0] if not proof.free)
-                notes.append(
-                    f"the {language} program of {stem} is not written: {failed.message}; a smaller assumed deviation "
-                    "of the controller may help (deviation, --export-deviation)"
-                )
-        if self.setup is not None and self.setup.shared.program.main and written:
-            kept = [(p, s) for p, s in zip(programs, stems, strict=True) if p.name in {own.pick for own in written}]
-            gaps = [after.name for (before, _), (after, _) in pairwise(kept) if not before.leads_to(after)]
-            notes += [
-                f"no main is written: the program of {name} starts elsewhere than the one before it ends"
-                for name in gaps
-            ]
-            if not gaps:
-                write_text_whole(Path(folder) / f"main{dialect.endings[0]}", dialect.main([stem for _, stem in kept]))
+        for verdict, program in zip(self.good, programs, strict=True):
+            if settings.home and verdict.pick.place is not None:
+                program, reason = with_return(self.setup, verdict.pick, program)
+                notes += [f"the program of {program.name} does not return to home: {reason}"] if reason else []
+            picks.append((self.setup, verdict.pick, program))
+        written, more = write_programs(folder, language, picks, output=output, deviation=deviation, main=settings.main)
         shown = {own.pick: str(own) for own in written}
         report = self.with_columns({language: lambda verdict: shown.get(verdict.pick.name)})
-        return replace(report, exported=(*self.exported, *written)), notes
+        return replace(report, exported=(*self.exported, *written)), [*notes, *more]
 
     def save_folder(
         self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, pages: bool = False

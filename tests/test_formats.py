@@ -139,7 +139,8 @@ EVERYTHING: dict[str, Any] = {
         "optimise": 20,
         "straight": 0.75,
         "program": {"tool": "picker", "flange": "flange", "frame": "tray", "output": "1", "input": "2", "timeout": 0.5,
-                    "error": "recover", "main": True, "external_axes": ["rail"]},
+                    "error": "recover", "main": True,
+            "home": False, "external_axes": ["rail"]},
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},

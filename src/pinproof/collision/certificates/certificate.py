@@ -190,7 +190,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     for name, value in first.held.items():
         if name in held and abs(held[name] - value) > HELD_TOLERANCE:
             found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
-    own = checker.arm.robot.calibrations
+    own = checker.group.robot.calibrations
     for name, known in first.calibrations.items():
         if known != own.get(name):
             is_now = f"calibrated by {own[name].path}" if name in own else "the nominal one"

@@ -653,5 +653,5 @@ class _CurveProof:
             attached=checker.attached,
             held=dict(checker.group.held),
             obstacles=checker.scene.names,
-            calibrations=checker.arm.robot.calibrations,
+            calibrations=checker.group.robot.calibrations,
         )

@@ -1,4 +1,4 @@
-"""Programs of the steps of a sequence: each begins where the one before ends, and is proven in the scene of its moment."""
+"""Programs of the steps of a sequence: each begins where the one before ends, proven in the scene of its moment."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def test_a_program_leads_from_home_to_home_in_few_moves(report, returning, diale
     ((*proofs,),) = certify_picks_program(report.setup, [pick], read)[0]
     assert all(proof.free for proof in proofs)
     last = max(k for k, step in enumerate(read.steps) if isinstance(step, JointMove))
-    moved = replace(read.steps[last], q=home + [0.01, 0, 0, 0, 0, 0])
+    moved = replace(read.steps[last], q=home + 0.01 * np.eye(6)[0])
     ((*_, back),) = certify_picks_program(
         report.setup, [pick], replace(read, steps=(*read.steps[:last], moved, *read.steps[last + 1 :]))
     )[0]

@@ -40,6 +40,9 @@ below the finest tolerance."""
 DISTINCT = 1e-2
 """Rad, and fraction of the arm's size. Two axes closer than this act as one joint and are not used in one triple."""
 
+FAR = 0.25
+"""Fraction of the arm's size. The first two axes of arms with seven joints are closer than this (0.16 for a Tiago)."""
+
 DRAWS = 24
 """Number of random choices of virtual axes that are compared."""
 
@@ -183,18 +186,20 @@ Locked = tuple[int, ...]
 """Indices of locked joints, ascending."""
 
 
-def choices_of_locked(lines: Order) -> list[list[Locked]]:
+def choices_of_locked(lines: Order, size: float) -> list[list[Locked]]:
     """The sets of joints that may be locked, in groups; a group is used if none before it has a plan for all poses.
 
-    The first of seven joints is taken to be external if it is prismatic, or if its axis is parallel to the next one;
-    those of arms with seven joints are perpendicular.
+    The first of seven joints is taken to be external if it is prismatic, or unless its axis is perpendicular to the
+    next one and near it, as those of arms with seven joints are.
     """
     outer = tuple(range(len(lines) - 6))
     if len(lines) != 7:
         return [[outer]]
-    parallel = np.linalg.norm(np.cross(lines[0].direction, lines[1].direction)) < SNAP_TOLERANCE
+    one, other = lines[:2]
+    tilted = abs(one.direction @ other.direction) > SNAP_TOLERANCE
+    apart = np.linalg.norm(one.nearest_to(other) - other.nearest_to(one)) > FAR * size
     each: list[Locked] = [(joint,) for joint in range(7)]
-    return [[outer], each] if lines[0].prismatic or parallel else [each]
+    return [[outer], each] if one.prismatic or tilted or apart else [each]
 
 
 def completed(lines: Order, tool: Array, size: float) -> Iterator[Order]:
@@ -374,7 +379,8 @@ def _best(arm: Arm) -> Plan:
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
     best, best_score = None, (0, 0, 0.0, 0.0)
-    for choices in choices_of_locked(lines_of(arm)[0]):
+    lines, tool = lines_of(arm)
+    for choices in choices_of_locked(lines, size_of(lines, tool)):
         # the plan that recovers the most poses; one that is exact and recovers all needs no comparison
         for plan in plans_of(arm, choices):
             score = _score(arm, plan)

@@ -17,9 +17,12 @@ from .arms import TURN, arm_named
 RAIL = 'prismatic"><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="1" effort="1"/><origin xyz="0 0 0.3"/>'
 ACROSS = 'prismatic"><axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
 TABLE = 'revolute"><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1" effort="1"/>'
+TILTED = 'revolute"><axis xyz="0 0.6 0.8"/><limit lower="-3" upper="3" velocity="1" effort="1"/><origin xyz="0.2 0 0"/>'
+BEAM = 'revolute"><axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="1" effort="1"/><origin xyz="0.9 0 0.3"/>'
 ASIDE = '<origin xyz="0.7 0 0.1" rpy="0 0 0.4"/>'
 
-EXTERNAL = {"rail": (RAIL,), "turntable": (TABLE,), "gantry": (RAIL, ACROSS), "rail and turntable": (RAIL, TABLE)}
+EXTERNAL = {"rail": (RAIL,), "turntable": (TABLE,), "gantry": (RAIL, ACROSS), "rail and turntable": (RAIL, TABLE),
+            "positioner": (TILTED,), "beam": (BEAM,)}  # fmt: skip
 
 
 @cache

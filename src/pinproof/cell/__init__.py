@@ -32,6 +32,7 @@ from pinproof.cell.sequencing.sequence import SequenceBudget as SequenceBudget, 
 from pinproof.cell.sequencing.sequence_result import (
     LeftOut as LeftOut, SequencePhase as SequencePhase, SequenceResult as SequenceResult, SequenceStep as SequenceStep,
 )  # fmt: skip
+from pinproof.cell.sequencing.tour import Tour as Tour, TourProblem as TourProblem
 from pinproof.cell.sequencing.windings import CableTwist as CableTwist
 from pinproof.cell.starting.new_cell import NewCell as NewCell, new_cell as new_cell
 from pinproof.cell.tolerance import (

@@ -8,6 +8,11 @@ from pinproof.tool_paths.files import (
     read_tool_paths as read_tool_paths,
 )
 from pinproof.tool_paths.following import follow as follow
+from pinproof.tool_paths.ordering import (
+    FollowedStroke as FollowedStroke,
+    StrokesPlan as StrokesPlan,
+    follow_all as follow_all,
+)
 from pinproof.tool_paths.path import ToolPath as ToolPath
 from pinproof.tool_paths.geometry import (
     Contour as Contour,

@@ -1,0 +1,225 @@
+"""Several strokes in one motion: their order, directions and start points with the shortest time, certified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.cell import Precedence, TourProblem
+from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.common.results import Rows, Solution, View
+from pinproof.common.structs import described, key
+from pinproof.common.validation import require_integer, require_type
+from pinproof.errors import InputError
+from pinproof.motion import Bounds, Trajectory, least_times
+from pinproof.planning import MotionPlan, PlannedMotion, plan
+from pinproof.tool_paths.following import follow
+from pinproof.tool_paths.result import FollowPlan, FollowStatus
+from pinproof.tool_paths.strokes import Stroke
+
+# The node before the first and after the last stroke: home, or nothing.
+HOME = -1
+
+
+@described(eq=False)
+class FollowedStroke:
+    """A stroke at its place in the order."""
+
+    stroke: Stroke = key("the stroke as it is followed: from its start point, in its direction")
+    start: int = key("the index of its first pose in the stroke as given; not 0 only if that is closed")
+    reverse: bool = key("whether it is followed from its end to its start")
+    begin: float = key("when its motion begins, with the approach", "s")
+    plan: FollowPlan = key("its motion")
+
+
+@described(eq=False)
+class StrokesPlan(PlannedMotion):
+    """A certified motion along several strokes, or why there is none; result of :func:`follow_all`."""
+
+    not_pickled = ("checker",)
+
+    status: FollowStatus = key("FOUND if there is a motion that is proven, else the reason")
+    message: str = key("the outcome as text")
+    steps: tuple[FollowedStroke, ...] = key("the strokes in the order in which they are followed", default=())
+    transits: tuple[MotionPlan, ...] = key("the motions between them, and from and to home if it is stated", default=())
+    failed: tuple[tuple[str, FollowPlan], ...] = key(
+        "the strokes that cannot be followed by any start point and direction, with the reasons", default=()
+    )
+    trajectory: Solution[Trajectory] = key("the whole motion, if FOUND", default=Solution())
+    certificate: Solution[Certificate] = key("the FREE certificate of the motion, if FOUND", default=Solution())
+    bound: float = key(
+        "lower bound of the time of every order of the motions along strokes that were compared, whatever the transits",
+        "s", default=0.0,
+    )  # fmt: skip
+    variants: int = key("number of start points and directions that were compared", default=0)
+    checker: Solution[CollisionChecker] = key("the checker of the certificate", default=Solution())
+
+    @property
+    def ok(self) -> bool:
+        """Whether a motion was found that is proven."""
+        return self.status is FollowStatus.FOUND
+
+    def to_dict(self) -> dict[str, Any]:
+        """The order and the figures as plain values for JSON."""
+        steps = [
+            {"name": own.stroke.name, "start": own.start, "reverse": own.reverse, "begin": own.begin}
+            | {"process": own.stroke.process, "plan": own.plan.to_dict()}
+            for own in self.steps
+        ]
+        failed = [{"name": name, "plan": plan.to_dict()} for name, plan in self.failed]
+        found = {"ok": self.ok, "status": self.status.name, "message": self.message, "steps": steps, "failed": failed}
+        if self.ok:
+            found |= {"duration": self.duration, "certificate": self.certificate.to_dict()}
+        return found | {"bound": self.bound, "variants": self.variants}
+
+    def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
+        checker, place = self.checker, self.checker.arm.root_from_base.homogeneous
+        if not self.ok:
+            return self.failed[0][1]._pictured() if self.failed else (None, {"attached": checker.attached})
+        frames = {own.stroke.name: place @ own.stroke.path.poses[0] for own in self.steps}
+        return self.trajectory, {"attached": checker.attached, "frames": frames, "certificate": self.certificate}
+
+    def _view(self) -> View:
+        rows = [
+            [own.stroke.name, own.start, "backwards" if own.reverse else "", own.begin, own.plan.duration]
+            for own in self.steps
+        ]
+        table = Rows(("stroke", "start", "direction", "begin [s]", "time [s]"), rows) if rows else None
+        reasons = [f"{name}: {plan.message}" for name, plan in self.failed]
+        return View(f"{self.status.name}: {self.message}", [table, reasons], reasons, title=self.message)
+
+
+def follow_all(
+    checker: CollisionChecker,
+    strokes: Iterable[Stroke],
+    *,
+    home: npt.ArrayLike | None = None,
+    starts: int = 4,
+    transits: int = 60,
+    rng: int = 0,
+    **options: Any,
+) -> StrokesPlan:
+    """Follow several strokes in the order, the directions and from the start points with the shortest certified time.
+
+    Every stroke is followed in both directions, if it is reversible, and from several start points, if it is closed.
+    The order is chosen by lower bounds of the times of transits; then they are planned, and the certified times replace
+    the bounds until the best order consists of certified motions. For up to ten strokes, it is then the optimum over
+    these motions.
+
+    Parameters
+    ----------
+    checker
+        The arm in its scene, with its tool.
+    strokes
+        The strokes in the base frame of the arm, with different names; see :meth:`ToolJob.placed`.
+    home
+        (n,) the configuration from which the motion starts and to which it leads; by default, it starts at the approach
+        of the first stroke and ends behind the last one.
+    starts
+        Number of start points of a closed stroke that are compared, evenly along it.
+    transits
+        Largest number of rounds in which transits are planned.
+    rng
+        Seed of the search for orders of more than ten strokes, and of plans.
+    **options
+        Those of :func:`pinproof.follow`, such as ``approach`` and ``cost``.
+
+    Raises
+    ------
+    InputError
+        If there is no stroke, names are not unique, or an option of :func:`pinproof.follow` is wrong.
+    """
+    require_type("checker", checker, CollisionChecker)
+    require_integer("starts", starts, 1)
+    require_integer("transits", transits, 1)
+    given, arm = tuple(strokes), checker.arm
+    for index, stroke in enumerate(given):
+        require_type(f"strokes[{index}]", stroke, Stroke)
+    names = [stroke.name for stroke in given]
+    if not given or len(set(names)) < len(names):
+        raise InputError("there must be at least one stroke, and their names must differ")
+    if "start" in options:
+        raise InputError("start is an option of follow only; state home")
+    place = None if home is None else arm.limits.snap(arm.configuration(home, "home"))
+    # The motion along each stroke, from each start point and in each direction
+    choices: list[tuple[int, Stroke, int, bool, FollowPlan]] = []
+    failed: list[tuple[str, FollowPlan]] = []
+    for job, stroke in enumerate(given):
+        at = np.concatenate([[0.0], np.cumsum(stroke.path.lengths)])
+        firsts = np.searchsorted(at, np.arange(starts if stroke.closed else 1) * at[-1] / starts) if at[-1] else [0]
+        plans = []
+        for start in dict.fromkeys(int(k) for k in firsts):
+            for reverse in (False, True)[: 1 + stroke.reversible]:
+                variant = stroke.variant(start, reverse=reverse)
+                plans.append(follow(checker, variant.path, rng=rng, **options))
+                if plans[-1].ok:
+                    choices.append((job, variant, start, reverse, plans[-1]))
+        if not any(each.ok for each in plans):
+            failed.append((stroke.name, plans[0]))
+    figures: dict[str, Any] = {"checker": checker, "variants": len(choices), "failed": tuple(failed)}
+    if failed:
+        name, reason = failed[0]
+        more = f"; and {len(failed) - 1} more strokes" if len(failed) > 1 else ""
+        return StrokesPlan(reason.status, f"stroke {name!r}: {reason.message}{more}", **figures)
+    # The order by lower bounds, which certified times replace until the best order has none of them left
+    first = np.array([choice[-1].trajectory.start for choice in choices])
+    last = np.array([choice[-1].trajectory.end for choice in choices])
+    bounds, count = Bounds.of(arm.limits, arm.joint_names), len(choices)
+    away = np.zeros(count) if place is None else least_times(first - place, bounds)
+    back = np.zeros(count) if place is None else least_times(last - place, bounds)
+    seconds = np.array([choice[-1].duration for choice in choices])
+    between = np.array([least_times(first - q, bounds) for q in last])
+    jobs = np.array([choice[0] for choice in choices])
+    problem = TourProblem(jobs, away, back, seconds, between, Precedence(tuple(names)))
+    figures["bound"] = problem.lower_bound()
+    known: dict[tuple[int, int], MotionPlan] = {}
+    best: tuple[float, tuple[int, ...]] = (np.inf, ())
+    for _ in range(transits):
+        tour = problem.solve(rng=rng)
+        arcs = _arcs(tour.options, home=place is not None)
+        new = [arc for arc in arcs if arc not in known]
+        for a, b in new:
+            begin, end = place if a == HOME else last[a], place if b == HOME else first[b]
+            known[a, b] = plan(checker, begin, end, rng=rng)  # type: ignore[arg-type]  # home is stated for its arcs
+            time = known[a, b].duration if known[a, b].ok else np.inf
+            if a == HOME:
+                away[b] = time
+            elif b == HOME:
+                back[a] = time
+            else:
+                between[a, b] = time
+        problem = TourProblem(jobs, away, back, seconds, between, problem.precedence)
+        best = min(best, (problem.seconds(tour.options), tour.options))
+        if not new:
+            break
+    if not np.isfinite(best[0]):
+        why = next(each.message for each in known.values() if not each.ok)
+        return StrokesPlan(FollowStatus.NO_TRANSIT, f"no transit between the strokes: {why}", **figures)
+    # The whole motion
+    parts: list[Trajectory] = []
+    steps: list[FollowedStroke] = []
+    arcs = _arcs(best[1], home=place is not None)
+    for a, b in arcs if place is not None else [(HOME, best[1][0]), *arcs]:
+        if (a, b) in known:
+            parts.append(known[a, b].trajectory)
+        if b != HOME:
+            _, variant, start, reverse, made = choices[b]
+            steps.append(FollowedStroke(variant, start, reverse, sum(part.duration for part in parts), made))
+            parts.append(made.trajectory)
+    figures |= {"steps": tuple(steps), "transits": tuple(known[arc] for arc in arcs)}
+    whole = Trajectory.join(*[part for part in parts if part.duration > 0.0] or parts[:1])
+    certificate = certify(whole, checker)
+    if not certificate.free:
+        return StrokesPlan(FollowStatus.NOT_PROVEN, certificate.message, certificate=certificate, **figures)
+    order = ", ".join(f"{step.stroke.name}{' backwards' if step.reverse else ''}" for step in steps)
+    message = f"follows {len(steps)} strokes in {whole.duration:.2f} s: {order}; {certificate.message}"
+    return StrokesPlan(FollowStatus.FOUND, message, trajectory=whole, certificate=certificate, **figures)
+
+
+def _arcs(options: tuple[int, ...], *, home: bool) -> list[tuple[int, int]]:
+    """The arcs of a tour, with those from and to home if it is stated."""
+    return list(pairwise((HOME, *options, HOME) if home else options))

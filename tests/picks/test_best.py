@@ -19,7 +19,7 @@ from pinproof.picks.judging.grasp import INSTANT, GraspCandidate, reach, screen
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.judge import BestFirst, Scoring, _Completions, _judge
 from pinproof.picks.judging.lines import Attempt, Crossing, ToolLine, along, full_rotations, shifted, span
-from pinproof.picks.judging.place import Placer, Placing, Release, Scores, release_lines
+from pinproof.picks.judging.place import Placer, Release, Scores, release_lines
 from pinproof.picks.judging.task import PickTask
 from pinproof.picks.judging.verdict import Stage, StageResult
 
@@ -238,7 +238,7 @@ def test_the_score_of_a_complete_motion_counts_every_part_of_it(task, releases, 
     aside = task.cell.home.copy()
     aside[3] = getattr(limits, side)[3] + (0.2 if side == "lower" else -0.2)
     transfer = JointPath([attempt.exit, aside, release.entrance], arm.joint_names)
-    placing = Placing(transfer, release.lift, release.leave, release.parting, 0.02)
+    placing = replace(release, transfer=transfer, clearance=0.02)
 
     def control_polygon(line) -> np.ndarray:
         return line.bezier()[1].reshape(-1, 6)

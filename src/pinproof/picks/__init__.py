@@ -31,10 +31,9 @@ from pinproof.picks.input.picks import (
     SETTINGS as SETTINGS, CellRobot as CellRobot, NamedFrame as NamedFrame, PickProblem as PickProblem, Picks as Picks,
     read_settings as read_settings, root_from_frame as root_from_frame,
 )  # fmt: skip
-from pinproof.picks.input.program import ProgramSettings as ProgramSettings
 from pinproof.picks.input.settings import (
     Conveyor as Conveyor, GripLimits as GripLimits, GripperFingers as GripperFingers, PickBudget as PickBudget,
-    PickWeights as PickWeights, SuctionCup as SuctionCup,
+    PickWeights as PickWeights, ProgramSettings as ProgramSettings, SuctionCup as SuctionCup,
 )  # fmt: skip
 from pinproof.picks.input.sources import (
     PickGrid as PickGrid, PickList as PickList, PickSource as PickSource, PickTable as PickTable,
@@ -51,7 +50,7 @@ from pinproof.picks.judging.grip import (
 from pinproof.picks.judging.judge import HandsResult as HandsResult, judge as judge, judge_hands as judge_hands
 from pinproof.picks.judging.lines import Attempt as Attempt, along as along, shortened as shortened, transit as transit
 from pinproof.picks.judging.place import (
-    Placer as Placer, Placing as Placing, Release as Release, release_lines as release_lines,
+    Placer as Placer, Release as Release, release_lines as release_lines,
 )  # fmt: skip
 from pinproof.picks.judging.setup import PickSetup as PickSetup
 from pinproof.picks.judging.suggest import (

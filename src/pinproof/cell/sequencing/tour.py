@@ -263,18 +263,6 @@ class _Cut(NamedTuple):
     option: int
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """The values of the arcs of a linear program, and its dual values."""
-
-    first: Indices
-    last: Indices
-    value: Array
-    of_option: Array
-    of_job: Array
-    of_cut: Array
-
-
 def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
     """The lower bound (s), with violated constraints added in at most ``rounds`` linear programs.
 
@@ -282,6 +270,9 @@ def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
     infinite. ``job`` (M,) is the job of each option, ascending. ``tour`` (n,) are the options of any tour, so that the
     first linear program has a solution.
     """
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, vstack
+
     node = np.append(job, job[-1] + 1)  # home is a job with one option
     times = np.where(node[:, None] == node[None], np.inf, times)
     arcs = _shortest(times, NEAR) | _shortest(times.T, NEAR).T
@@ -291,13 +282,26 @@ def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
     cuts: list[_Cut] = []
     best, stalled = 0.0, 0
     for _ in range(rounds):
-        solution = _solved(times, node, arcs, cuts)
-        if solution is None:
+        # As many arcs enter an option as leave it, and one leaves each job; violated constraints that were found before
+        first, last = np.nonzero(arcs)
+        size, number, ones = len(node), np.arange(len(first)), np.ones(len(first))
+        leaving, entering = (csr_array((ones, (end, number)), (size, len(first))) for end in (first, last))
+        leaving_job = csr_array((ones, (node[first], number)), (node[-1] + 1, len(first)))
+        equal, limits = np.concatenate([np.zeros(size), np.ones(node[-1] + 1)]), {}
+        if cuts:
+            rows = [1.0 * (cut.inside[first] & ~cut.inside[last]) - (first == cut.option) for cut in cuts]
+            least = [1.0 if cut.option < 0 else 0.0 for cut in cuts]
+            limits = {"A_ub": -csr_array(np.array(rows)), "b_ub": -np.array(least)}
+        balance = vstack([leaving - entering, leaving_job])
+        program = linprog(times[first, last], A_eq=balance, b_eq=equal, method="highs-ds", **limits)
+        if not program.success:
             break
         # the bound by the dual values, with the reduced times of all arcs
-        reduced = times - solution.of_option[:, None] + solution.of_option[None] - solution.of_job[node][:, None]
-        bound = float(solution.of_job.sum())
-        for cut, dual in zip(cuts, solution.of_cut.tolist(), strict=True):
+        of_option, of_job = np.split(program.eqlin.marginals, [size])
+        of_cut = np.maximum(-program.ineqlin.marginals, 0.0) if cuts else np.zeros(0)
+        reduced = times - of_option[:, None] + of_option[None] - of_job[node][:, None]
+        bound = float(of_job.sum())
+        for cut, dual in zip(cuts, of_cut.tolist(), strict=True):
             reduced[np.ix_(cut.inside, ~cut.inside)] -= dual
             if cut.option < 0:
                 bound += dual
@@ -312,9 +316,9 @@ def arc_bound(times: Array, job: Indices, tour: Indices, rounds: int) -> float:
         # arcs and constraints that the program lacks are added, and constraints without effect removed
         missing = (reduced < -NONE) & ~arcs
         arcs |= _shortest(np.where(missing, reduced, np.inf), ADDED)
-        cuts = [cut for cut, dual in zip(cuts, solution.of_cut, strict=True) if dual > 0.0]
+        cuts = [cut for cut, dual in zip(cuts, of_cut, strict=True) if dual > 0.0]
         known = {(cut.inside.tobytes(), cut.option) for cut in cuts}
-        more = {(cut.inside.tobytes(), cut.option): cut for cut in _violated(node, solution)}
+        more = {(cut.inside.tobytes(), cut.option): cut for cut in _violated(node, first, last, program.x)}
         new = [cut for key, cut in more.items() if key not in known]
         if not new and not missing.any():
             break
@@ -330,46 +334,17 @@ def _shortest(times: Array, count: int) -> Mask:
     return shortest & np.isfinite(times)
 
 
-def _solved(times: Array, node: Indices, arcs: Mask, cuts: list[_Cut]) -> _Solution | None:
-    """The solution of the linear program with some arcs and constraints; None if they admit none."""
-    from scipy.optimize import linprog
-    from scipy.sparse import csr_array, vstack
-
-    first, last = np.nonzero(arcs)
-    size, count = len(node), len(first)
-    number, ones = np.arange(count), np.ones(count)
-    # as many arcs enter an option as leave it, and one leaves each job
-    leaving = csr_array((ones, (first, number)), (size, count))
-    entering = csr_array((ones, (last, number)), (size, count))
-    of_job = csr_array((ones, (node[first], number)), (node[-1] + 1, count))
-    equal = np.concatenate([np.zeros(size), np.ones(node[-1] + 1)])
-    # violated constraints that were found before
-    limits = {}
-    if cuts:
-        rows = [1.0 * (cut.inside[first] & ~cut.inside[last]) - (first == cut.option) for cut in cuts]
-        least = [1.0 if cut.option < 0 else 0.0 for cut in cuts]
-        limits = {"A_ub": -csr_array(np.array(rows)), "b_ub": -np.array(least)}
-    program = linprog(
-        times[first, last], A_eq=vstack([leaving - entering, of_job]), b_eq=equal, method="highs-ds", **limits
-    )
-    if not program.success:
-        return None
-    dual = program.eqlin.marginals
-    of_cut = np.maximum(-program.ineqlin.marginals, 0.0) if cuts else np.zeros(0)
-    return _Solution(first, last, program.x, dual[:size], dual[size:], of_cut)
-
-
-def _violated(node: Indices, solution: _Solution) -> list[_Cut]:
+def _violated(node: Indices, first: Indices, last: Indices, value: Array) -> list[_Cut]:
     """Violated constraints of connection: the smallest cuts between home and each job and each partly used option."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
     home, jobs = len(node) - 1, int(node[-1])
-    used = solution.value > NONE
-    first, last = solution.first[used], solution.last[used]
-    share = np.bincount(first, weights=solution.value[used], minlength=home)[:home]
+    used = value > NONE
+    first, last, value = first[used], last[used], value[used]
+    share = np.bincount(first, weights=value, minlength=home)[:home]
     # each job is one more node, to which all its options lead
-    flow = np.concatenate([np.rint(UNITS * solution.value[used]), np.full(home, 10 * UNITS)]).astype(np.int32)
+    flow = np.concatenate([np.rint(UNITS * value), np.full(home, 10 * UNITS)]).astype(np.int32)
     size = home + 1 + jobs
     rows, columns = np.concatenate([first, np.arange(home)]), np.concatenate([last, home + 1 + node[:home]])
     graph = csr_array((flow, (rows, columns)), (size, size))

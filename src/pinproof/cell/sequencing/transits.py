@@ -15,7 +15,7 @@ from pinproof.cell.sequencing.options import Job, PickOption
 from pinproof.collision import Scene
 from pinproof.common.structs import described, key
 from pinproof.errors import TimingError
-from pinproof.motion import BlendedPath, Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
+from pinproof.motion import Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
 from pinproof.picks import (
     Member,
     MotionPart,
@@ -26,7 +26,7 @@ from pinproof.picks import (
     PickTask,
     PickVerdict,
     Placer,
-    Placing,
+    Release,
     Stage,
     StageResult,
     motion_parts,
@@ -106,7 +106,8 @@ class StepMotions:
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, option.pick.support))
         # Transit and transfer: the known motions if they are proven free in this scene, else new paths
         again = {name: _again(part_of(task, member, name), known) for name in ("transit", "transfer")}
-        path, placing = JointPath(np.array([attempt.entrance]), joints), None
+        path = JointPath(np.array([attempt.entrance]), joints)
+        placing: Release | None = None
         if again["transit"] is None:
             crossing = transit(task, [attempt], task.cell.budget.nodes, seeds[:2])
             if crossing.path is None:
@@ -114,13 +115,12 @@ class StepMotions:
             path = crossing.path
         if release is not None and place is not None:
             release = replace(release, parting=task.supports(carrying, release.q, place.support))
-            transfer: JointPath | BlendedPath = JointPath(np.array([release.entrance]), joints)
+            placing = replace(release, transfer=JointPath(np.array([release.entrance]), joints))
             if again["transfer"] is None:
                 result, made = Placer(task, seeds[0]).transfer(place, attempt, release, seeds[2:])
                 if made is None:
                     return MotionFailure("transfer", result.message)
-                transfer = made.transfer
-            placing = Placing(transfer, release.lift, release.leave, release.parting, release.clearance)
+                placing = replace(release, transfer=made.transfer)
         # Every part is timed and certified; what is in contact first is named where that fails
         try:
             for part in motion_parts(task, attempt, path, placing, separate=True):

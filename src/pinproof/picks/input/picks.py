@@ -21,8 +21,7 @@ from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointGroup, assemble
 from pinproof.picks.input.parts import PART_TYPE, PartType, grasps_of
 from pinproof.picks.input.pick import ANGLE_TEXT, Pick, angle_in
-from pinproof.picks.input.program import ProgramSettings
-from pinproof.picks.input.settings import Conveyor, GripLimits, PickBudget
+from pinproof.picks.input.settings import Conveyor, GripLimits, PickBudget, ProgramSettings
 from pinproof.picks.input.tools import ONE_HOLDER, POSE_IN_REACH, TOOL, Hand, RobotAndHand, Tool, with_values
 from pinproof.spatial import SE3, frozen, rigid
 from pinproof.units import parse_angle, refuse_degree_limit

@@ -1,4 +1,4 @@
-"""The settings that picks share: conveyor, fingers and cup, limits of a grip, weights and budget of the search.
+"""The settings that picks share: conveyor, hand, limits of a grip, weights and budget of the search, and programs.
 
 Budgets count work instead of seconds, so that the verdict is the same on every machine.
 """
@@ -301,3 +301,45 @@ class SuctionCup:
     def highest(self) -> float:
         """Metres: how far the object may protrude into the cup."""
         return self.gap if self.rise is None else self.rise
+
+
+ERROR_OF_INPUT = Rule(
+    ("error",),
+    lambda own: "state the input whose absence calls it" if own.error is not None and own.input is None else "",
+    {"dependentRequired": {"error": ["input"]}},
+)
+
+
+@struct("program_settings", eq=False, rules=[ERROR_OF_INPUT])
+class ProgramSettings:
+    """What programs of a robot controller state beside the moves."""
+
+    tool: str = key("name of the tool", default="tool")
+    flange: str | None = key(
+        "the link that is the flange of the controller, in whose frame its tool is stated; by default `tool0` or "
+        "`flange`, if the last joint moves it, or else the link of the last joint",
+        default=None,
+    )
+    frame: str | None = key("one of `frames`, as the work object or user frame; by default none", default=None)
+    output: str | None = key(
+        "the digital output that closes the gripper; by default that of the language", default=None
+    )
+    input: str | None = key(
+        "a digital input that is on while the hand holds a part. It is checked after each grip; by default none",
+        default=None,
+    )
+    timeout: float = key("how long a program waits for the input, after which it ends", "s", default=1.0, above=0)
+    error: str | None = key(
+        "a routine of the controller that is called before a program ends because the input is off; by default none",
+        default=None,
+    )
+    home: bool = key(
+        "whether a program returns to home after the part is put down, if a return is proven", default=True
+    )
+    main: bool = key("whether a routine `main` that calls the programs in order is written too", default=False)
+    external_axes: tuple[str, ...] | None = key(
+        "the joints that the controller moves as external axes; by default the prismatic joints before the last six",
+        default=None,
+        kind=list_of(TEXT),
+        shown=None,
+    )

@@ -534,7 +534,7 @@ class _Moment:
         if placing is None:
             raise _InterceptRefused(*self.stages, result)
         task, member = self.task, self.member
-        self._move(timeline, part_of(task, member, "transfer", (placing.transfer,)))
+        self._move(timeline, part_of(task, member, "transfer", () if placing.transfer is None else (placing.transfer,)))
         if placing.lift is not None:
             self._move(timeline, part_of(task, member, "place", (placing.lift.reversed(),), placing.parting))
         # The arm rests while the gripper opens

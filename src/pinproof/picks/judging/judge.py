@@ -71,7 +71,7 @@ from pinproof.picks.judging.lines import (
     may_approach,
     transit,
 )
-from pinproof.picks.judging.place import Placer, PlaceSearch, Placing, Scores
+from pinproof.picks.judging.place import Placer, PlaceSearch, Release, Scores
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import PickCell, PickTask, check_held_joints, checker_of_picks
 from pinproof.picks.judging.timing import time_motion
@@ -147,7 +147,7 @@ class CompleteMotion:
     attempt: Attempt
     stages: tuple[StageResult, ...]
     path: JointPath
-    placing: Placing | None
+    placing: Release | None
     parts: dict[str, float]
     key: Key
 
@@ -317,7 +317,7 @@ class BestFirst:
             self._stop(here.key, (*here.attempt.stages, here.crossing.result, here.place.failure()))
         return None
 
-    def _complete(self, here: _OpenAttempt, placed: StageResult, placing: Placing | None) -> None:
+    def _complete(self, here: _OpenAttempt, placed: StageResult, placing: Release | None) -> None:
         """Add a complete motion."""
         if here.crossing is None or here.crossing.path is None or here.scores is None:
             return
@@ -354,7 +354,7 @@ class _Completions(Scores):
         clearance, seconds = np.minimum(clearance, self._clearance), seconds + self._seconds
         return self._scoring.parts(clearance, np.minimum(margin, self._margin), self._manipulability, seconds)["score"]
 
-    def parts(self, placing: Placing | None) -> dict[str, float]:
+    def parts(self, placing: Release | None) -> dict[str, float]:
         """The parts of the score of the complete motion."""
         clearance, margin, seconds = self._clearance, self._margin, self._seconds
         if placing is not None:

@@ -37,7 +37,7 @@ class Scores:
         del margin, lines
         return np.zeros_like(clearance + seconds)
 
-    def parts(self, placing: Placing | None) -> dict[str, float]:
+    def parts(self, placing: Release | None) -> dict[str, float]:
         """The parts of the score with a placing, and their weighted sum as ``score``."""
         del placing
         return {"score": 0.0}
@@ -51,21 +51,11 @@ DOWN, OFF, TRANSFER = 1, 2, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Placing:
-    """The parts of a place: ``lift`` and ``leave`` start at the release; None if they are not requested."""
-
-    transfer: JointPath | BlendedPath
-    lift: CubicPath | None
-    leave: CubicPath | None
-    parting: Pairs
-    clearance: float
-
-
-@dataclass(frozen=True, eq=False)
 class Release:
     """The straight lines from a release q (n,), or the number of possible parts and the reason of the failure.
 
-    The transfer is not planned yet, so the full rotations of the lines are not known.
+    ``lift`` and ``leave`` start at the release; they are None if they are not requested. Until the ``transfer`` is
+    planned, the full rotations of the lines are not known.
     """
 
     q: Array
@@ -76,6 +66,7 @@ class Release:
     parting: Pairs = ()
     proven: float = np.inf
     clearance: float = np.inf
+    transfer: JointPath | BlendedPath | None = None
 
     @property
     def entrance(self) -> Array:
@@ -185,7 +176,7 @@ class Placer:
         bounds = scores.bound(all_clearances[tried] + SLACK, seconds, self._margins(member)[tried])
         return PlaceSearch(self, attempt, seeds, scores, tried.tolist(), bounds.tolist())
 
-    def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Placing | None]:
+    def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Release | None]:
         """The place of a grasped object at the release that gives the best complete motion; see :meth:`search`."""
         if self.task.place is None:
             return StageResult(Stage.PLACE, True, "none requested"), None
@@ -225,7 +216,7 @@ class Placer:
 
     def transfer(
         self, place: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], shifts: Array | None = None
-    ) -> tuple[StageResult, Placing | None]:
+    ) -> tuple[StageResult, Release | None]:
         """The transfer from the retreat to the approach of the place, which ends at one of the full rotations."""
         task, arm = self.task, self.task.arm
         carrying = task.carrying(attempt.candidate.member)
@@ -245,16 +236,13 @@ class Placer:
         else:
             path, proof = shortened(task, plan, carrying, seeds[1], torques)
         # The lines follow at the full rotations at which the transfer ends
-        turned = down.turned(shifts[plan.goal])
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
         upright = f" {constraints[0]}" if constraints else ""
         message = f"transfer of {path.length:.2f} rad{upright}, {place.approach * 1e3:.0f} mm approach{support}, "
         proven, observed = (np.inf, np.inf) if proof is None else (proof.clearance, proof.observed)
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
-        return (
-            StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures),
-            Placing(path, turned.lift, turned.leave, down.parting, min(down.clearance, observed)),
-        )
+        placed = replace(down.turned(shifts[plan.goal]), transfer=path, clearance=min(down.clearance, observed))
+        return StageResult(Stage.PLACE, True, f"{message}{place.retreat * 1e3:.0f} mm retreat", figures), placed
 
 
 class PlaceSearch:
@@ -285,7 +273,7 @@ class PlaceSearch:
         return -self._queue[0][0] if self._queue else -np.inf
 
     @step(Stage.PLACE.value)
-    def extend(self, least: float = -np.inf) -> tuple[StageResult, Placing] | None:
+    def extend(self, least: float = -np.inf) -> tuple[StageResult, Release] | None:
         """Extend a release; the place, if it is complete. Scores below ``least`` are not wanted."""
         _, order, down = heapq.heappop(self._queue)
         placer, attempt = self._placer, self._attempt

@@ -34,7 +34,7 @@ from pinproof.picks.input.pick import PARTS, RETURN, Member
 from pinproof.picks.judging.hand import OpenHand
 from pinproof.picks.judging.hold import held_in_motion
 from pinproof.picks.judging.lines import Attempt, Pairs
-from pinproof.picks.judging.place import Placing
+from pinproof.picks.judging.place import Release
 from pinproof.picks.judging.task import CARRYING, PickTask, peaks_of, rate_limits
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 from pinproof.planning import MovingEnds, optimise
@@ -206,7 +206,7 @@ class MotionPart:
 
 @step(Stage.TIMING.value)
 def time_motion(
-    task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None
+    task: PickTask, attempt: Attempt, path: JointPath, placing: Release | None
 ) -> tuple[StageResult, TimedPart | None]:
     """Time and certify all parts of a motion."""
     # All parts, without stops where the arm may pass the end of a line
@@ -434,7 +434,7 @@ def part_again(task: PickTask, member: Member, name: str, trajectory: Trajectory
 
 
 def motion_parts(
-    task: PickTask, attempt: Attempt, path: JointPath, placing: Placing | None, *, separate: bool = False
+    task: PickTask, attempt: Attempt, path: JointPath, placing: Release | None, *, separate: bool = False
 ) -> list[MotionPart]:
     """The parts of a complete motion.
 
@@ -450,7 +450,7 @@ def motion_parts(
         lines = tuple(stage for stage, own in curves.items() for _ in own)
         return [MotionPart("pick", tuple(curve for own in curves.values() for curve in own), task.outside, lines=lines)]
     parting = {"retreat": attempt.parting}
-    if placing is not None:
+    if placing is not None and placing.transfer is not None:
         curves["transfer"] = (placing.transfer,)
         curves["place"] = () if placing.lift is None else (placing.lift.reversed(),)
         curves["leave"] = () if placing.leave is None else (placing.leave,)

@@ -77,7 +77,7 @@ def allocate(
     precedence
         Pairs of names: the first pick has ended when the second starts, whichever arms execute them.
     grip_dwell, release_dwell
-        Seconds that an arm rests at each grasp and at each release.
+        As for :func:`pinproof.sequence`.
     budget
         The effort of the search for the sequence of each arm.
     compare

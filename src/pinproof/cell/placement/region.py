@@ -233,7 +233,8 @@ class PlacedRobot:
         """
         if scene.frame and scene.frame not in arm.robot.urdf.links:
             raise UnknownNameError("frame", scene.frame, arm.robot.urdf.links, scene.where)
-        mount = tuple(_geometry(scene[name]) for name in dict.fromkeys(moves_with_base))
+        names = tuple(dict.fromkeys(moves_with_base))
+        mount = tuple(_geometry(scene[name]) for name in names)
         robot = arm.robot
         movable = Robot(
             with_movable_base(robot.urdf, mounting, mount),
@@ -242,7 +243,11 @@ class PlacedRobot:
             robot.home,
             robot.default_base,
         )
-        return cls(movable, arm, _without(scene, tuple(dict.fromkeys(moves_with_base))), mounting)
+        # The scene without these obstacles, which may still touch what the scene allows them to touch
+        left = scene.remove(*names)
+        flipped = [(a, b) if b in left.names else (b, a) for a, b in scene.allowed]
+        allowed = tuple((a, b) for a, b in flipped if b in left.names and (a in names or (a, b) in left.allowed))
+        return cls(movable, arm, replace(left, allowed=allowed, frame="", margins=scene.margins), mounting)
 
     def arm_at(self, values: Array) -> Arm:
         """The arm with its base at x, y, z, yaw (4,)."""
@@ -322,14 +327,6 @@ class PlacedRobot:
                         f"pick {pick.name!r} is stated in the frame {frame!r}, which moves with the base; state it in "
                         "the frame of the cell or of an obstacle that does not move with the base"
                     )
-
-
-def _without(scene: Scene, names: tuple[str, ...]) -> Scene:
-    """The scene without these obstacles; they may still touch what the scene allows them to touch."""
-    left = scene.remove(*names)
-    flipped = [(a, b) if b in left.names else (b, a) for a, b in scene.allowed]
-    allowed = [(a, b) for a, b in flipped if b in left.names and (a in names or (a, b) in left.allowed)]
-    return replace(left, allowed=tuple(allowed), frame="", margins=scene.margins)
 
 
 def _geometry(obstacle: Obstacle) -> LinkGeometry:

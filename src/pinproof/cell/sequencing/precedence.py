@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from graphlib import CycleError, TopologicalSorter
 
@@ -71,7 +70,7 @@ class Precedence:
         Raises
         ------
         InputError
-            If the pairs contradict each other; the message names a shortest cycle that was found, with its reasons.
+            If the pairs contradict each other; the message names a cycle, with its reasons.
         """
         if cycle := self.cycle():
             steps = [
@@ -83,30 +82,13 @@ class Precedence:
 
     def cycle(self) -> tuple[int, ...]:
         """Indices of picks each of which must be executed before the next, and the last before the first; or empty."""
-        with suppress(CycleError):
+        try:
             TopologicalSorter(dict(enumerate(self.predecessors()))).prepare()
-            return ()
-        # the shortest cycle through each pick, by breadth-first search
-        after: list[set[int]] = [set() for _ in self.names]
-        for first, second in self.reasons:
-            after[first].add(second)
-        cycles: list[list[int]] = []
-        for start in range(len(self.names)):
-            came: dict[int, int] = {}
-            queue = [start]
-            for here in queue:
-                for follower in after[here]:
-                    if follower not in came:
-                        came[follower] = here
-                        queue.append(follower)
-            if start in came:
-                path = [start]
-                while came[path[-1]] != start:
-                    path.append(came[path[-1]])
-                cycles.append(path[::-1])
-        shortest = min(cycles, key=len)
-        least = shortest.index(min(shortest))
-        return (*shortest[least:], *shortest[:least])
+        except CycleError as error:
+            *cycle, _ = error.args[1]  # the last one is the first one again
+            least = cycle.index(min(cycle))
+            return (*cycle[least:], *cycle[:least])
+        return ()
 
     def predecessors(self) -> list[set[int]]:
         """For each pick the picks that must be executed before it."""

@@ -500,17 +500,12 @@ class Campaign:
 
     Parameters
     ----------
-    arm
-        The arm.
-    scene
-        The obstacles around the arm.
+    arm, scene, home
+        As for :func:`validate_picks`.
     picks
         The picks: a list, or a source that is read in chunks and not held in memory
         (:func:`pinproof.picks.open_picks`, :class:`pinproof.picks.PickGrid`). The result also contains a row for each
         input row that could not be read.
-    home
-        (n,) the configuration in which each transit starts. The default is the home of the picks if they define one,
-        otherwise that of the arm.
     rng
         The seed. Each pick has its own random stream, which depends only on the seed and on the index of the pick.
     judge

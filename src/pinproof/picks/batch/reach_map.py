@@ -293,14 +293,6 @@ class ReachMap(Saved):
         except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
             raise FileError(path, f"is not a reach map in .npz format: {error}") from error
 
-    def same_question(self, other: ReachMap) -> str:
-        """The reason why two maps cannot be compared; empty if they have the same poses."""
-        if not self.region.equals(other.region):
-            return f"they have different regions: {self.region} and {other.region}"
-        if not np.array_equal(self.orientations, other.orientations):
-            return f"they have different orientations: {len(self.orientations)} and {len(other.orientations)}"
-        return ""
-
 
 def _best(values: Array) -> Array:
     """(N,) maximum of each row of (N, m), ignoring NaN; NaN if all values of the row are NaN."""
@@ -327,8 +319,12 @@ class ReachComparison(Saved):
         return View(self.summary)
 
     def __post_init__(self) -> None:
-        if differ := self.before.same_question(self.after):
-            raise InputError(f"two reach maps cannot be compared: {differ}")
+        one, other = self.before, self.after
+        if not one.region.equals(other.region):
+            raise InputError(f"the maps have different regions: {one.region} and {other.region}")
+        if not np.array_equal(one.orientations, other.orientations):
+            counts = f"{len(one.orientations)} and {len(other.orientations)}"
+            raise InputError(f"the maps have different orientations: {counts}")
 
     @property
     def won(self) -> npt.NDArray[np.bool_]:
@@ -520,14 +516,8 @@ def reach_map(
     world_from_root
         The pose of the root link in the frame of the region and the orientations, for the comparison of base
         placements. The scene of the checker remains in the root frame. The default is the identity.
-    attempts
-        Number of start configurations of the search, for arms without closed-form IK.
-    rng
-        Seed of the start configurations.
-    threads
-        Number of threads; it does not affect the result.
-    progress
-        Called with the number of finished poses and the total number.
+    attempts, rng, threads, progress
+        As for :func:`pinproof.screen_picks`.
 
     Raises
     ------

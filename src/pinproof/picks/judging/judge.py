@@ -389,12 +389,15 @@ def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
     if len(grasps) == 1 and not proposed:
         return alone(grasps[0], cell, seeds)
     # The grasps of the part in their order, without suggestions for those that fail. Of proposals, which are many, only
-    # those with a free configuration are judged, at first without the reasons of a failure
+    # those with a configuration that is free at the nominal grasp are judged, at first without the reasons of a failure
     first = cell.without_remedies
     if proposed:
         first = cell.for_trials(Stage.REACH)
-        moving = on_conveyor(pick, cell)
-        likely = [] if moving else [grasp for grasp in grasps if _is_free_at_grasp(grasp, first, seeds[0])]
+        tasks = () if on_conveyor(pick, cell) else (PickTask(grasp, first) for grasp in grasps)
+        reached = ((task, reach(task, task.nearest_group, seeds[0]).q) for task in tasks)
+        likely = [
+            grasp for grasp, (task, q) in zip(grasps, reached, strict=False) if task.at_grasp.is_free_batch(q).any()
+        ]
         grasps = tuple(likely) or grasps[:UNLIKELY]
     tried: list[PickVerdict] = []
     for grasp in grasps:
@@ -415,12 +418,6 @@ def judge(pick: Pick, cell: PickCell, rng: np.random.Generator) -> PickVerdict:
 
 UNLIKELY = 12
 """Number of proposed grasps that are judged if none has a configuration that is free of contact."""
-
-
-def _is_free_at_grasp(grasp: Pick, cell: PickCell, seed: int) -> bool:
-    """Whether a configuration at a grasp, without displacement, is free of contact with the shapes of the checker."""
-    task = PickTask(grasp, cell)
-    return bool(task.at_grasp.is_free_batch(reach(task, task.nearest_group, seed).q).any())
 
 
 def _unreadable(pick: Pick, error: InputError) -> PickVerdict:

@@ -154,11 +154,6 @@ class Placer:
             clearances[free] = free_hand.clearance_batch(q[free])
         return clearances
 
-    @once_per_grasp
-    def _margins(self, member: Member) -> Array:
-        """(m,) upper bounds of the margin from the limits at the releases, at any full rotations."""
-        return best_margins(self.task.arm, self.releases(member))
-
     def search(self, attempt: Attempt, seeds: list[int], scores: Scores) -> PlaceSearch:
         """The search for the release of a grasped object that gives the best complete motion.
 
@@ -173,7 +168,7 @@ class Placer:
         ahead = self._what_is_ahead(member, True)
         there = least_seconds(task.arm, attempt.exit[None], ahead.first)[0][:, None] + ahead.down
         seconds = np.maximum(there.min(axis=0, initial=np.inf) + ahead.after - SLACK_SECONDS, 0.0)[tried]
-        bounds = scores.bound(all_clearances[tried] + SLACK, seconds, self._margins(member)[tried])
+        bounds = scores.bound(all_clearances[tried] + SLACK, seconds, best_margins(task.arm, many)[tried])
         return PlaceSearch(self, attempt, seeds, scores, tried.tolist(), bounds.tolist())
 
     def place(self, attempt: Attempt, seeds: list[int], scores: Scores) -> tuple[StageResult, Release | None]:

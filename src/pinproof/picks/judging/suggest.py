@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -92,11 +92,6 @@ class ShiftSuggestion(Suggestion):
     def _moves(self) -> list[tuple[str, Vector, str]]:
         stated = ("pick", self.by, self.frame), ("place", self.place_by, self.place_frame)
         return [(what, by, frame) for what, by, frame in stated if by is not None]
-
-
-def _vector(values: Array) -> Vector:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _digits(value: float) -> str:
@@ -251,16 +246,6 @@ class Change:
         return self.suggestion.apply(self.stated)
 
 
-def _rotations(task: PickTask, pick: Pick, axes: Iterable[Array], sizes: Iterable[int]) -> list[Change]:
-    """The pick turned by angles (degrees) to either side about axes (3,) of the tip."""
-    turned = partial(TurnSuggestion.about, with_place=_keeps_place(task, pick))
-    return [
-        Change(pick, partial(turned, axis, float(sign * size)), float(size))
-        for size, axis, sign in product(sizes, axes, (1, -1))
-        if sign * size != -180
-    ]
-
-
 def _keeps_place(task: PickTask, pick: Pick) -> bool:
     """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
     return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
@@ -277,7 +262,7 @@ def _shift_changes(task: PickTask, pick: Pick, shifts: Iterable[Shift], *, of_pl
         other = np.round(by @ turned.T, 2) + 0.0
 
     def moved(k: int) -> Suggestion:
-        pick_by, place_by = (None if each is None else _vector(each[k]) for each in (own, other))
+        pick_by, place_by = (None if each is None else cast(Vector, tuple(each[k].tolist())) for each in (own, other))
         frames = "" if pick_by is None else pick.frame, "" if place is None or place_by is None else place.frame
         return ShiftSuggestion(by=pick_by, frame=frames[0], place_by=place_by, place_frame=frames[1])
 
@@ -426,8 +411,11 @@ def suggest(
         return _Trials(judge, stage, budget, possible, partial(_screened, task, of_place=of_place))
 
     def rotated(axes: Iterable[Array], sizes: Iterable[int], first: tuple[int, ...]) -> Suggestion | None:
-        """The smallest good rotation; a few sizes are first if the screening does not decide the stage that failed."""
-        tried, changes = trials(), _rotations(task, pick, axes, sizes)
+        """The smallest good rotation, to either side; a few are first if the screening does not decide the stage."""
+        turned = partial(TurnSuggestion.about, with_place=_keeps_place(task, pick))
+        turns = [(size, axis, sign * size) for size, axis, sign in product(sizes, axes, (1, -1)) if sign * size != -180]
+        changes = [Change(pick, partial(turned, axis, float(turn)), float(size)) for size, axis, turn in turns]
+        tried = trials()
         if stage not in SCREENED:
             tried.nearest([change for change in changes if change.size in first])
         best = tried.best

@@ -432,7 +432,15 @@ class PickTask:
         if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
             raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
         if pick.part in cell.shared.parts:
-            self._refuse_other_part(str(pick.part))
+            # Of other extents than its part type, its grasps are not for it
+            known, key = cell.surfaces, f"part type {pick.part}"
+            shape = Obstacle(key, cell.shared.parts[str(pick.part)].shape)
+            known.setdefault(key, known.get(key) or LineSurface.of_obstacle(shape))
+            extents = [surface.body.box for surface in (self._surface, known[key])]
+            if np.abs(extents[0] - extents[1]).max() > SAME_PART:
+                own, other = (" x ".join(f"{side * 1e3:.1f}" for side in high - low) for low, high in extents)
+                reason = f"{own} mm, the part {other} mm" if own != other else "the same size in another frame"
+                raise InputError(f"{carried!r} of the scene is no {pick.part}: its extents are {reason}")
         for stated in (pick.support, None if pick.place is None else pick.place.support):
             for support in support_names(stated) or ():
                 if support not in self.scene:
@@ -453,19 +461,6 @@ class PickTask:
         self._open_hands: dict[Hashable, OpenHand] = {}
         self._closing: dict[PickCell, CollisionChecker] = {}
         self._empty: dict[PickCell, CollisionChecker] = {}
-
-    def _refuse_other_part(self, name: str) -> None:
-        """Raise InputError if the object has other extents than a part type, so that its grasps are not for it."""
-        known, part = self.cell.surfaces, self.cell.shared.parts[name]
-        key = f"part type {name}"
-        known.setdefault(key, known.get(key) or LineSurface.of_obstacle(Obstacle(key, part.shape)))
-        extents = [surface.body.box for surface in (self._surface, known[key])]
-        if np.abs(extents[0] - extents[1]).max() > SAME_PART:
-            sizes = [" x ".join(f"{side * 1e3:.1f}" for side in high - low) for low, high in extents]
-            reason = (
-                f"{sizes[0]} mm, the part {sizes[1]} mm" if sizes[0] != sizes[1] else "the same size in another frame"
-            )
-            raise InputError(f"{self.pick.carried!r} of the scene is no {name}: its extents are {reason}")
 
     @property
     def sampled(self) -> bool:

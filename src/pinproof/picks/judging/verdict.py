@@ -326,18 +326,13 @@ class PickVerdict(ProvenMotion, Shown, Written):
         table = Rows(("stage", "result", "figures or reason"), rows)
         pick, tool = self.pick, f" with {self.pick.tool}" if self.pick.tool else ""
         grasp = () if pick.grasp is None else (f"grasp {pick.grasp} of {pick.part}{tool}",)
-        notes = (*grasp, *(f"failed: {each}" for each in self.grasps_failed), *self._suggested())
-        return View(self._headline, [table, notes, self.refuted], (*map(str, self.stages), *notes))
-
-    @property
-    def _headline(self) -> str:
+        notes = (*grasp, *(f"failed: {each}" for each in self.grasps_failed))
+        notes += tuple(f"suggestion: {each}" for each in self.suggestions)
         at = "" if self.failed is None else f" at {self.failed.value}"
         seconds = "" if self.trajectory is None else f", {self.trajectory.duration:.2f} s"
         proven = f", {proven_millimetres(self.clearance)} clearance proven" if self.motions else ""
-        return f"{self.pick.name}: {self.status.value.upper()}{at}{seconds}{proven}"
-
-    def _suggested(self) -> tuple[str, ...]:
-        return tuple(f"suggestion: {each}" for each in self.suggestions)
+        headline = f"{pick.name}: {self.status.value.upper()}{at}{seconds}{proven}"
+        return View(headline, [table, notes, self.refuted], (*map(str, self.stages), *notes))
 
     @property
     def ok(self) -> bool:

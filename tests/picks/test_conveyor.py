@@ -363,12 +363,14 @@ def test_a_motion_after_the_known_end_of_the_belt_is_not_proven_while_parts_are_
     task = task_of()
     still = pp.Trajectory.at_rest(task.cell.home, arm.joint_names, 1.0)
     for start, raises in ((3.9, False), (4.1, True)):
-        timeline = conveyor._Timeline(replace(picks.conveyor, duration=5.0), start)
+        belt = replace(picks.conveyor, duration=5.0)
+        moment = conveyor._Moment(task, belt, start, task.nearest_group[0], [0, 0, 0, 0], start)
         if raises:
-            with pytest.raises(conveyor._BeltEnds):
-                timeline.prove(still, task.outside)
+            with pytest.raises(conveyor._InterceptRefused) as refused:
+                moment._prove(still, task.outside)
+            assert refused.value.stages[-1].stage is Stage.TIMING
         else:
-            assert timeline.prove(still, task.outside).free
+            assert moment._prove(still, task.outside).free
 
 
 def test_the_depth_of_the_palm_in_a_part_on_the_belt_is_that_where_the_part_is() -> None:
@@ -428,15 +430,15 @@ def test_a_hand_that_enters_the_moving_part_is_refused_at_the_stage_at_which_it_
 
     low, high = at_rest(-0.05), at_rest(0.3)
     approach, tracking = (low, high) if stage is Stage.APPROACH else (high, low)
-    timeline = conveyor._Timeline(belt, start if stage is Stage.APPROACH else start - 2.0)
     free = pp.collision.certify(high, pp.CollisionChecker(arm, pp.Scene()))
     assert free.free
     monkeypatch.setattr(conveyor, "certify", lambda *_, **__: free)  # the hand alone is of interest
-    monkeypatch.setattr(conveyor._Timeline, "add", lambda line, *_: setattr(line, "now", line.now + 2.0))
-    moment = conveyor._Moment(task, belt, start, member, [0, 0, 0, 0], 0.0)
+    monkeypatch.setattr(conveyor._Moment, "_add", lambda line, *_: setattr(line, "now", line.now + 2.0))
+    begin = start if stage is Stage.APPROACH else start - 2.0
+    moment = conveyor._Moment(task, belt, start, member, [0, 0, 0, 0], begin)
     attempt = conveyor.along(moment.then, conveyor.GraspCandidate(high.start, member, 0.0, 0.0))
     with pytest.raises(conveyor._InterceptRefused) as refused:
-        moment._take(timeline, conveyor.Following(approach, tracking, high, 2.0, 0.0, 0.0), attempt)
+        moment._take(conveyor.Following(approach, tracking, high, 2.0, 0.0, 0.0), attempt)
     (failed,) = refused.value.stages
     assert failed.stage is stage
     assert float(re.search(r"([\d.]+) mm", failed.message)[1]) == pytest.approx(10.0, abs=1.0)

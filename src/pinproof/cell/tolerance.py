@@ -200,7 +200,8 @@ def tolerance_study(
         raise InputError(f"distribution = {distribution!r}; use {' or '.join(DISTRIBUTIONS)}")
     require_integer("samples", samples, 0)
     require_integer("rng", rng, 0)
-    task = _ToleranceTask(setup, position, rotation, distribution, samples, largest, part_radius, rng)
+    study = ToleranceStudy(position, float(rotation), distribution, samples, largest, (), ())
+    task = _ToleranceTask(setup, study, part_radius, rng)
     with Runner(executor=executor, workers=workers, in_flight=in_flight, progress=progress) as runner:
         rows = runner.run("tolerance", task, report.verdicts, 4)
     # what the proofs do not cover
@@ -212,17 +213,13 @@ def tolerance_study(
             f"picks without an object: every obstacle is displaced, as a part with a radius of {part_radius * 1e3:g} mm"
         )
     notes.append("if the grasp is planned again, only the grasp is screened, not its approach, retreat and transit")
-    return ToleranceStudy(position, float(rotation), distribution, samples, largest, tuple(rows), tuple(notes))
+    return replace(study, picks=tuple(rows), notes=tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
 class _ToleranceTask:
     setup: PickSetup
-    position: float
-    rotation: float
-    distribution: str
-    samples: int
-    largest: float
+    study: ToleranceStudy
     part_radius: float
     rng: int
 
@@ -241,10 +238,11 @@ class _ToleranceTask:
             radius = float(np.linalg.norm(outer_points(surface), axis=1).max())
         # the largest multiple that is certified: the whole tolerance, the largest one, or by bisection
         proven, why = self._certified(verdict, radius, 1.0)
-        low, high, limited = (1.0, self.largest, "") if proven else (0.0, 1.0, why)
-        if proven and self.largest > 1.0:
-            beyond, why = self._certified(verdict, radius, self.largest)
-            low, limited = (self.largest, "") if beyond else (1.0, why)
+        largest = self.study.largest
+        low, high, limited = (1.0, largest, "") if proven else (0.0, 1.0, why)
+        if proven and largest > 1.0:
+            beyond, why = self._certified(verdict, radius, largest)
+            low, limited = (largest, "") if beyond else (1.0, why)
         if limited:
             for _ in range(ROUNDS):
                 middle = 0.5 * (low + high)
@@ -258,14 +256,14 @@ class _ToleranceTask:
             displacement=self._displacement(radius, 1.0),
             limited_by=limited,
             share=self._sampled(index, verdict.pick),
-            largest_position=low * self.position,
-            largest_rotation=low * self.rotation,
+            largest_position=low * self.study.position,
+            largest_rotation=low * self.study.rotation,
         )
 
     def _displacement(self, radius: float, factor: float) -> float:
         """The largest displacement (m) of a point of the part for a multiple of the tolerance."""
-        angle = min(factor * self.rotation, np.pi)
-        return float(np.sqrt(3.0) * factor * self.position + 2.0 * np.sin(angle / 2.0) * radius)
+        angle = min(factor * self.study.rotation, np.pi)
+        return float(np.sqrt(3.0) * factor * self.study.position + 2.0 * np.sin(angle / 2.0) * radius)
 
     def _certified(self, verdict: PickVerdict, radius: float, factor: float) -> tuple[bool, str]:
         """Whether the unchanged motions are certified for a multiple of the tolerance, and otherwise why not."""
@@ -275,24 +273,22 @@ class _ToleranceTask:
 
     def _sampled(self, index: int, pick: Pick) -> float:
         """Share of the sampled poses at which the grasp is free."""
-        if not self.samples:
+        setup, study, free = self.setup, self.study, 0
+        if not study.samples:
             return float("nan")
         generator = np.random.default_rng([self.rng, index])
-        setup, free = self.setup, 0
         task = PickTask(pick, setup.cell)
         pivot = task.pick.pose
         obstacle: Obstacle | None = None
         if isinstance(pick.carried, str):
             obstacle = setup.checker.scene[pick.carried]
             pivot = obstacle.pose
-        for _ in range(self.samples):
+        uniform = study.distribution == "uniform"
+        draw, low, high = (generator.uniform, -1.0, 1.0) if uniform else (generator.normal, 0.0, 1.0 / WITHIN)
+        for _ in range(study.samples):
             # a displacement about the origin of the part, in its own axes
-            draw = generator.uniform if self.distribution == "uniform" else generator.normal
-            low, high = (-1.0, 1.0) if self.distribution == "uniform" else (0.0, 1.0 / WITHIN)
-            shift, angle = (
-                draw(low * self.position, high * self.position, 3),
-                draw(low * self.rotation, high * self.rotation),
-            )
+            shift = draw(low * study.position, high * study.position, 3)
+            angle = draw(low * study.rotation, high * study.rotation)
             axis = generator.normal(size=3)
             axis /= np.linalg.norm(axis)
             turn = (*(np.sin(angle / 2.0) * axis), np.cos(angle / 2.0))
@@ -303,4 +299,4 @@ class _ToleranceTask:
             shown = replace(task.pick, pose=moved * task.pick.pose, place=None)
             picks = replace(setup.shared, picks=(shown,))
             free += bool(screen_picks(setup.checker.arm, scene, picks, home=setup.home).free[0])
-        return free / self.samples
+        return free / study.samples

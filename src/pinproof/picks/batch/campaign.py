@@ -445,19 +445,7 @@ class CampaignResult(Shown, Written):
         if Path(path).suffix.lower() != ".html":
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
         rows = ((row, None) for row in self.rows())
-        write_page(
-            path,
-            rows,
-            self.verdicts,
-            self.setup,
-            summary=self.summary,
-            notes=self.notes,
-            source=self.acceleration_source,
-            arm=arm,
-            scene=scene,
-            picks=picks,
-            title=title,
-        )
+        write_page(path, self, rows, self.verdicts, arm=arm, scene=scene, picks=picks, title=title)
 
 
 def _is_to_retry(row: Mapping[str, Any]) -> bool:

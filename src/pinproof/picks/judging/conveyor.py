@@ -332,31 +332,36 @@ def _meeting_times(task: PickTask, belt: Conveyor, start_time: float, seed: int)
             yield time, member
 
 
-class _BeltEnds(Exception):
-    """The belt is only known to run until before the end of a motion."""
+class _Moment:
+    """A pick at one time (s) of meeting the part; ``task`` has the cell as it is at time 0, ``then`` as it is then.
 
+    ``stages`` are the stages passed so far, and ``motions`` those of the configuration that is tried, one after the
+    other on the clock of the conveyor until ``now``. A stage that fails raises :class:`_InterceptRefused`.
+    """
 
-class _Timeline:
-    """The motions of a pick one after the other on the clock of the conveyor."""
-
-    def __init__(self, belt: Conveyor, start_time: float) -> None:
-        self.belt, self.start_time, self.now = belt, start_time, start_time
+    def __init__(
+        self, task: PickTask, belt: Conveyor, time: float, member: Member, seeds: list[int], start_time: float
+    ) -> None:
+        self.task, self.belt, self.time, self.member, self.seeds = task, belt, time, member, seeds
+        self.start_time, self.now = start_time, start_time
+        self.stages: tuple[StageResult, ...] = ()
         self.motions: list[PickMotion] = []
         self.taken = ""
+        self.then = _at_time(task, belt, time)
 
-    def movers(self, obstacles: Container[str]) -> tuple[Mover, ...]:
+    def _movers(self, obstacles: Container[str]) -> tuple[Mover, ...]:
         """The parts on the belt that are among the obstacles of a scene, as seen from now."""
         there = [name for part in self.belt.parts if part != self.taken for name in (part, _lowered(part))]
         names = tuple(name for name in there if name in obstacles)
         return (replace(self.belt, parts=names).mover(names).after(self.now),) if names else ()
 
-    def add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
+    def _add(self, name: str, motion: Trajectory, around: CollisionChecker, certificate: Certificate) -> None:
         """Append a certified motion, with the scene and the attached bodies of a checker.
 
         The certificate is one of the joints and the movers together, possibly with a lowered support or with the
         volumes of closing fingers; it is marked as that of the motion of the arm among the movers.
         """
-        held, movers = around.arm.held, self.movers(around.scene)
+        held, movers = around.arm.held, self._movers(around.scene)
         setup = around.spec.setup_hash(movers)
         among = f"proven among the moving {', '.join(each.name for each in movers)}"
         certificate = replace(
@@ -365,35 +370,15 @@ class _Timeline:
         self.motions.append(PickMotion(name, motion, certificate, around.attached, around.scene, held, movers=movers))
         self.now = self.start_time + Trajectory.join(*(each.trajectory for each in self.motions)).duration
 
-    def prove(
+    def _prove(
         self, motion: Trajectory, checker: CollisionChecker, constraints: tuple[Upright, ...] = ()
     ) -> Certificate:
-        """The certificate of a motion that starts now.
-
-        _BeltEnds if parts are on the belt, and it is not known where they are until the end of the motion.
-        """
-        movers = self.movers(checker.scene)
-        if self.now + motion.duration > self.belt.duration and movers:
-            end = self.now + motion.duration
-            raise _BeltEnds(
-                f"the pick lasts until {end:.4g} s at least, and the belt runs until {self.belt.duration:g} s"
-            )
+        """The certificate of a motion that starts now; parts on the belt are known only while the belt runs."""
+        movers, end = self._movers(checker.scene), self.now + motion.duration
+        if end > self.belt.duration and movers:
+            until = f"the belt runs until {self.belt.duration:g} s"
+            raise self._refused(Stage.TIMING, f"the pick lasts until {end:.4g} s at least, and {until}")
         return certify(motion, checker, movers=movers, constraints=constraints)
-
-
-class _Moment:
-    """A pick at one time (s) of meeting the part; ``task`` has the cell as it is at time 0, ``then`` as it is then.
-
-    ``stages`` are the stages passed so far. A stage that fails raises :class:`_InterceptRefused`.
-    """
-
-    def __init__(
-        self, task: PickTask, belt: Conveyor, time: float, member: Member, seeds: list[int], start_time: float
-    ) -> None:
-        self.task, self.belt, self.time, self.member, self.seeds = task, belt, time, member, seeds
-        self.start_time = start_time
-        self.then = _at_time(task, belt, time)
-        self.stages: tuple[StageResult, ...] = ()
 
     def _refused(self, stage: Stage, reason: str) -> _InterceptRefused:
         return _InterceptRefused(*self.stages, StageResult(stage, False, reason))
@@ -434,19 +419,16 @@ class _Moment:
         if isinstance(followed, str):
             raise self._refused(Stage.TIMING, followed)
         # All motions on the clock of the belt
-        timeline = _Timeline(self.belt, self.start_time)
-        self.stages = (*self.stages, self._transit(timeline, followed))
-        try:
-            self._take(timeline, followed, attempt)
-            grasp_time = timeline.now - self.start_time - followed.retreat.duration
-            release_time, placed = self._place(timeline, attempt, followed)
-        except _BeltEnds as ended:
-            raise self._refused(Stage.TIMING, str(ended)) from ended
+        self.motions, self.taken, self.now = [], "", self.start_time
+        self.stages = (*self.stages, self._transit(followed))
+        self._take(followed, attempt)
+        grasp_time = self.now - self.start_time - followed.retreat.duration
+        release_time, placed = self._place(attempt, followed)
         # The good verdict
-        motion = Trajectory.join(*(each.trajectory for each in timeline.motions))
-        clearance = min(each.certificate.clearance for each in timeline.motions)
+        motion = Trajectory.join(*(each.trajectory for each in self.motions))
+        clearance = min(each.certificate.clearance for each in self.motions)
         message = (
-            f"collision-free among the moving parts in {len(timeline.motions)} motions; the tool meets the part at "
+            f"collision-free among the moving parts in {len(self.motions)} motions; the tool meets the part at "
             f"{self.time:.3g} s, after {self.belt.speed * self.time:.3g} m, and follows it for {self.belt.dwell:g} s "
             f"with a deviation of at most {followed.position_deviation * 1e3:.2g} mm"
         )
@@ -460,14 +442,14 @@ class _Moment:
             attempt.q,
             motion,
             grasp_time,
-            motions=tuple(timeline.motions),
+            motions=tuple(self.motions),
             release_time=release_time,
             member=self.member.words,
             grip=self.task.grip(self.member),
             intercept=Intercept(self.start_time, self.time, self.belt.speed * self.time, *deviations),
         )
 
-    def _transit(self, timeline: _Timeline, followed: Following) -> StageResult:
+    def _transit(self, followed: Following) -> StageResult:
         """From home to the start of the approach, where the arm waits until it follows the belt."""
         outside = self.task.outside
         leave = round(self.time - followed.before, 9)
@@ -486,11 +468,11 @@ class _Moment:
         )
         if not plan.ok:
             raise self._refused(Stage.TRANSIT, f"to the start of the approach: {plan.message}")
-        timeline.add("transit", plan.trajectory, outside, plan.certificate)
+        self._add("transit", plan.trajectory, outside, plan.certificate)
         message = f"{plan.trajectory.duration:.3g} s, of which the arm waits {plan.waiting:.3g} s"
         return StageResult(Stage.TRANSIT, True, message, {"waiting": plan.waiting})
 
-    def _take(self, timeline: _Timeline, followed: Following, attempt: Attempt) -> None:
+    def _take(self, followed: Following, attempt: Attempt) -> None:
         """The approach, the tracking while the gripper closes, and the retreat with the part."""
         task = self.task
 
@@ -499,10 +481,10 @@ class _Moment:
         ) -> None:
             # All bodies are proven against the checker of the stage, then the hand against the part alone
             name = "tracking" if stage is Stage.GRIP else stage.value
-            proof = timeline.prove(motion, judge)
+            proof = self._prove(motion, judge)
             why = "" if proof.free else proof.message
             if hand is not None and not why:
-                there, start, pose = timeline.movers([hand.part.name]), timeline.now, hand.part.pose
+                there, start, pose = self._movers([hand.part.name]), self.now, hand.part.pose
                 failure = hand.prove(
                     motion,
                     None,
@@ -513,7 +495,7 @@ class _Moment:
                 why = "" if failure is None else failure.reason
             if why:
                 raise self._refused(stage, f"{name} on the moving belt: {why}")
-            timeline.add(name, motion, around, proof)
+            self._add(name, motion, around, proof)
 
         # The hand may touch the part until it holds it; then the part moves with the hand off its support
         hand = task.passing(self.member)
@@ -521,10 +503,10 @@ class _Moment:
         if followed.tracking is not None:
             closing = task.closing(self.member) if task.cell.fingers else task.at_grasp
             prove(Stage.GRIP, followed.tracking, task.at_grasp, closing, hand)
-        carrying, timeline.taken = task.carrying(self.member), str(task.name)
+        carrying, self.taken = task.carrying(self.member), str(task.name)
         prove(Stage.RETREAT, followed.retreat, carrying, _with_lowered(carrying, attempt.parting), None)
 
-    def _place(self, timeline: _Timeline, attempt: Attempt, followed: Following) -> tuple[float | None, StageResult]:
+    def _place(self, attempt: Attempt, followed: Following) -> tuple[float | None, StageResult]:
         """The transfer, the lowering and the retreat with the empty hand; the time of the release."""
         if self.task.place is None:
             return None, StageResult(Stage.PLACE, True, "none requested")
@@ -534,31 +516,31 @@ class _Moment:
         if placing is None:
             raise _InterceptRefused(*self.stages, result)
         task, member = self.task, self.member
-        self._move(timeline, part_of(task, member, "transfer", () if placing.transfer is None else (placing.transfer,)))
+        self._move(part_of(task, member, "transfer", () if placing.transfer is None else (placing.transfer,)))
         if placing.lift is not None:
-            self._move(timeline, part_of(task, member, "place", (placing.lift.reversed(),), placing.parting))
+            self._move(part_of(task, member, "place", (placing.lift.reversed(),), placing.parting))
         # The arm rests while the gripper opens
-        here, names = timeline.motions[-1].trajectory.end, task.arm.joint_names
+        here, names = self.motions[-1].trajectory.end, task.arm.joint_names
         still = Trajectory(
             [0.0, max(self.belt.dwell, INSTANT)], np.array([here, here]), np.zeros((2, len(here))), names
         )
-        opened = timeline.prove(still, task.opening(member) if task.cell.fingers else task.letting_go(member))
+        opened = self._prove(still, task.opening(member) if task.cell.fingers else task.letting_go(member))
         if not opened.free:
             raise self._refused(Stage.PLACE, f"at the release: {opened.message}")
-        timeline.add("release", still, task.carrying(member), opened)
-        release = timeline.now - self.start_time
+        self._add("release", still, task.carrying(member), opened)
+        release = self.now - self.start_time
         if placing.leave is not None:
-            self._move(timeline, part_of(task, member, "leave", (placing.leave,)))
+            self._move(part_of(task, member, "leave", (placing.leave,)))
         return release, result
 
-    def _move(self, timeline: _Timeline, part: MotionPart) -> None:
+    def _move(self, part: MotionPart) -> None:
         """Time and certify a part of the place; a transfer that meets a moving part is planned again, with waits."""
         try:
             motion = timed_curve(self.task, part, part.curves[0], [])[0]
         except TimingError as error:
             raise self._refused(Stage.PLACE, f"{part.name}: {error}") from error
         judge = _with_lowered(part.checker, part.parting)
-        proof, movers = timeline.prove(motion, judge, part.constraints), timeline.movers(judge.scene)
+        proof, movers = self._prove(motion, judge, part.constraints), self._movers(judge.scene)
         if not proof.free and part.name == "transfer" and movers and not part.constraints:
             plan = plan_among_movers(judge, motion.start, motion.end, movers, samples=SAMPLES, rng=self.seeds[1])
             if plan.ok:
@@ -567,7 +549,7 @@ class _Moment:
             raise self._refused(Stage.PLACE, f"{part.name}: {proof.message}")
         if part.passing is not None and (failure := part.passing.prove(motion, motion.start)) is not None:
             raise self._refused(Stage.PLACE, f"{part.name}: {failure.reason}")
-        timeline.add(part.name, motion, part.checker, proof)
+        self._add(part.name, motion, part.checker, proof)
 
 
 def _at_time(task: PickTask, belt: Conveyor, time: float) -> PickTask:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,9 +25,12 @@ from pinproof.common.results import Html, Rows
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm, guess_mark, guess_note
 from pinproof.picks.input.picks import Picks, root_from_frame
-from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
+
+if TYPE_CHECKING:
+    from pinproof.picks.batch.campaign import CampaignResult
+    from pinproof.picks.report.report import PickReport
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
@@ -52,13 +55,10 @@ CARD = """<section class="side card" id="card" aria-label="The chosen pick"{hidd
 
 def write_page(
     path: str | Path,
+    result: PickReport | CampaignResult,
     rows: Iterable[PageRow],
     counts: Mapping[str, int],
-    setup: PickSetup | None,
     *,
-    summary: str,
-    notes: Iterable[str],
-    source: str,
     arm: Arm | None = None,
     scene: Scene | None = None,
     picks: Picks | None = None,
@@ -68,17 +68,17 @@ def write_page(
     """Write the page of a report or of a campaign, completely or not at all.
 
     The arm, the scene, and the tool and home that the picks share are by default those of the setup with which the
-    picks were judged. ``counts`` are the numbers of rows with each verdict, ``summary`` is a line on all rows,
-    ``notes`` state what the verdicts do not cover, and ``source`` the origin of the acceleration limits. The default of
-    the title is the name of the robot. ``columns`` are further columns of the table, with a value for each row.
+    picks were judged. ``counts`` are the numbers of rows with each verdict. The default of the title is the name of the
+    robot. ``columns`` are further columns of the table, with a value for each row.
 
     InputError if there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing; ViewerError if the robot has
     nothing to draw, or meshcat's viewer is not installed; FileError if the file cannot be written.
     """
     # What is drawn
-    if setup is not None:
-        checker = setup.checker
-        arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or setup.shared
+    source = result.acceleration_source
+    if result.setup is not None:
+        checker, shared = result.setup.checker, result.setup.shared
+        arm, scene, picks = arm or checker.arm, checker.scene if scene is None else scene, picks or shared
     if arm is None or scene is None or picks is None:
         missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
         raise InputError(
@@ -104,7 +104,7 @@ def write_page(
     total = sum(counts.values())
     if len(shown) < total:
         remarks.append(f"This page shows the first {len(shown):,} of {total:,} rows.")
-    remarks += [f"Not covered: {note}" for note in notes]
+    remarks += [f"Not covered: {note}" for note in result.notes]
     remarks.append(guess_note(source) or f"Acceleration limits: {source}")
     if shortened:
         reason = "are omitted to limit the size of the page; JSON and CSV have them."
@@ -139,7 +139,7 @@ def write_page(
         settings,
         commands,
         label="The robot in its scene, with an arrow at every grasp in the colour of its verdict",
-        summary=escape(summary),
+        summary=escape(result.summary),
         head=viewer.panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
         script=viewer.panels.part("page.js", __package__),
     )

@@ -263,8 +263,7 @@ class PickReport(Saved, Written):
         counts = Counter(values["verdict"] for values, _ in rows)
         own = [self._own_cells(verdict) for _, verdict in rows]
         settings |= {"columns": {name: [cells[k] for cells in own] for k, name in enumerate(self.columns)}}
-        settings |= {"summary": self.summary, "notes": self.notes, "source": self.acceleration_source}
-        write_page(path, rows, counts, self.setup, **settings)
+        write_page(path, self, rows, counts, **settings)
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from enum import Enum, auto
+from enum import Enum
 from functools import lru_cache, partial
 from itertools import chain, groupby
 from typing import Any, TypeVar
@@ -75,17 +75,6 @@ GROUPS = 2, 4, 8
 """Numbers of values of the swept joint in the first rounds; the last round has the rest. Most poses need few."""
 
 
-class Wanted(Enum):
-    """The poses that a round processes."""
-
-    OPEN = auto()
-    """Poses without a known free configuration."""
-    REACHED = auto()
-    """The open poses that are known to be reachable."""
-    UNREACHED = auto()
-    """The open poses that are not known to be reachable."""
-
-
 @dataclass(frozen=True, eq=False)
 class Proposed:
     """The configurations q (k, n) within the limits that a round finds, and the index (k,) of the target of each.
@@ -100,8 +89,9 @@ class Proposed:
     complete: Mask
 
 
-Round = tuple[Wanted, Callable[[Array], Proposed]]
-"""The poses that a round processes, and the configurations that it finds for targets (N, 4, 4), ``base_from_tcp``."""
+Round = tuple[bool | None, Callable[[Array], Proposed]]
+"""The configurations that a round finds for targets (N, 4, 4), ``base_from_tcp``: those of all poses without a known
+free configuration (None), or of those that are known to be reachable, or of those that are not."""
 
 
 def rounds_for(arm: Arm, home: Array, *, attempts: int, rng: int, why: bool) -> list[Round]:
@@ -130,25 +120,25 @@ def rounds_for(arm: Arm, home: Array, *, attempts: int, rng: int, why: bool) -> 
         return propose
 
     if has_closed_form(arm):
-        return [(Wanted.OPEN, branches(AnalyticIk()))]
+        return [(None, branches(AnalyticIk()))]
     if has_closed_form(arm, most=7):
         # The values of the redundant joint at which a pick is judged. Sorting by the reversed binary digits of the
         # index places neighbouring values far apart, so that few of them find most poses
         swept = sweep(arm)
         joint, values = swept.redundant_grid(arm, home) or (0, home[:0])
         spread = values[np.argsort([int(f"{k:010b}"[::-1], 2) for k in range(len(values))])]
-        rounds = [(Wanted.OPEN, branches(swept, few)) for few in np.split(spread, np.cumsum(GROUPS)) if len(few)]
-        rounds.append((Wanted.UNREACHED, search(arm, home, rng)))
+        rounds: list[Round] = [(None, branches(swept, few)) for few in np.split(spread, np.cumsum(GROUPS)) if len(few)]
+        rounds.append((False, search(arm, home, rng)))
         # Configurations outside the limits are found on the rest of a full rotation
         step = float(np.diff(values).max(initial=TURN))
         if why and arm.angular[joint] and len(rest := np.arange(values[-1] + step, values[0] + TURN, step)):
-            rounds.append((Wanted.UNREACHED, branches(swept, rest)))
+            rounds.append((False, branches(swept, rest)))
         return rounds
 
     # A pose that the first search did not reach with all its restarts is unlikely to be reached from another start
     others = np.random.default_rng(rng).uniform(*arm.limits.sampling_range(), (attempts - 1, arm.dof))
-    rounds = [(Wanted.OPEN, search(arm, home, rng))]
-    rounds += [(Wanted.REACHED, search(arm, start, rng + k)) for k, start in enumerate(others, 1)]
+    rounds = [(None, search(arm, home, rng))]
+    rounds += [(True, search(arm, start, rng + k)) for k, start in enumerate(others, 1)]
     wider = search(widened(arm), home, rng)
 
     def without_limits(targets: Array) -> Proposed:
@@ -158,7 +148,7 @@ def rounds_for(arm: Arm, home: Array, *, attempts: int, rng: int, why: bool) -> 
         found.outside[found.row[~inside]] = True
         return replace(found, row=found.row[inside], q=np.ascontiguousarray(q[inside]))
 
-    return rounds + ([(Wanted.UNREACHED, without_limits)] if why else [])
+    return rounds + ([(False, without_limits)] if why else [])
 
 
 CHUNK = 4096
@@ -204,17 +194,9 @@ class ScreenStatus(Enum):
     @property
     def stage(self) -> Stage | None:
         """The stage at which a pick with this status fails; None if it passes all stages up to the grasp."""
-        return _STAGES[self]
+        stages = (Stage.INPUT, Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP, None)
+        return dict(zip(ScreenStatus, stages, strict=True))[self]
 
-
-_STAGES = {
-    ScreenStatus.UNREADABLE: Stage.INPUT,
-    ScreenStatus.REACH: Stage.REACH,
-    ScreenStatus.LIMITS: Stage.LIMITS,
-    ScreenStatus.SELF: Stage.SELF,
-    ScreenStatus.CONTACT: Stage.GRASP,
-    ScreenStatus.FREE: None,
-}
 
 CODES = tuple(ScreenStatus)
 """The statuses in the order of their codes in arrays."""
@@ -303,8 +285,8 @@ class Screening:
         # Rounds of candidates for the poses that are still open
         for wanted, propose in self._rounds:
             left = ~free
-            if wanted is not Wanted.OPEN:
-                left &= reached if wanted is Wanted.REACHED else ~reached
+            if wanted is not None:
+                left &= reached == wanted
             rows = np.flatnonzero(left)
             if not len(rows):
                 continue

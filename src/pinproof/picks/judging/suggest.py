@@ -77,9 +77,7 @@ class ShiftSuggestion(Suggestion):
             moves.append(f"the {what} {words} ({_frame_words(frame)})")
         return f"move {' and '.join(moves)}"
 
-    def apply(self, pick: Pick) -> Pick:
-        """Return the moved pick."""
-        self.refuse_part(pick)
+    def _changed(self, pick: Pick) -> Pick:
         for what, by, frame in self._moves():
             thing = pick if what == "pick" else pick.place
             if thing is None or thing.frame != frame:
@@ -127,9 +125,7 @@ class TurnSuggestion(Suggestion):
         what = "the pick and the place" if self.with_place else "the pick"
         return f"turn {what} by {self.degrees:+g} deg about {about} of the tip"
 
-    def apply(self, pick: Pick) -> Pick:
-        """Return the turned pick."""
-        self.refuse_part(pick)
+    def _changed(self, pick: Pick) -> Pick:
         axis = np.array(self.axis)
         turn = SE3(rotation_about(axis / np.linalg.norm(axis), np.radians(self.degrees)), np.zeros(3))
         if not self.with_place:
@@ -153,9 +149,7 @@ class LengthSuggestion(Suggestion):
         """The change in one line."""
         return f"shorten the {self.line} from {self.before:.10g} mm to {self.after:.10g} mm"
 
-    def apply(self, pick: Pick) -> Pick:
-        """Return the pick with the shorter line."""
-        self.refuse_part(pick)
+    def _changed(self, pick: Pick) -> Pick:
         stated = getattr(pick, self.line)
         if abs(stated - self.before / 1e3) > RESOLUTION / 1e3:
             raise self.does_not_fit(pick, f"its {self.line} is {stated * 1e3:g} mm")
@@ -172,9 +166,7 @@ class RetreatSuggestion(Suggestion):
         """The change in one line."""
         return "retreat straight up, along +z (base frame)"
 
-    def apply(self, pick: Pick) -> Pick:
-        """Return the pick with a vertical retreat."""
-        self.refuse_part(pick)
+    def _changed(self, pick: Pick) -> Pick:
         return replace(pick, retreat_direction=UP, retreat_frame=ROOT)
 
 

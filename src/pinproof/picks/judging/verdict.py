@@ -211,25 +211,26 @@ class Suggestion(ABC):
     def text(self) -> str:
         """The change in one line, without its effect, such as ``move the pick 20 mm along -x (base frame)``."""
 
-    @abstractmethod
     def apply(self, pick: Pick) -> Pick:
         """Return the pick with the change.
 
         Raises
         ------
         InputError
-            If the suggestion does not fit the pick: it is for another frame or length, or the pick has no place.
+            If the suggestion does not fit the pick: it is for another frame or length, or the pick has no place, or no
+            pose of its own.
         """
+        if pick.by_part:
+            reason = "its pose is that of a grasp of its part; apply it to the pick of the verdict"
+            raise self.does_not_fit(pick, reason)
+        return self._changed(pick)
+
+    @abstractmethod
+    def _changed(self, pick: Pick) -> Pick:
+        """The pick with the change, which has a pose of its own."""
 
     def __str__(self) -> str:
         return f"{self.text}; it then {self.effect}" if self.effect else self.text
-
-    def refuse_part(self, pick: Pick) -> None:
-        """Raise InputError if the pick has no pose of its own, which the change could apply to."""
-        if pick.by_part:
-            raise self.does_not_fit(
-                pick, "its pose is that of a grasp of its part; apply it to the pick of the verdict"
-            )
 
     def does_not_fit(self, pick: Pick, reason: str) -> InputError:
         """The error for a pick that the suggestion was not made for."""

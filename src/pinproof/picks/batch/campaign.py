@@ -37,6 +37,7 @@ from pinproof.picks.judging.conveyor import judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import PickCheck
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict
+from pinproof.picks.report.page import write_page
 from pinproof.picks.report.report import PickReport, problem_row
 from pinproof.work import (
     IN_FLIGHT,
@@ -440,8 +441,6 @@ class CampaignResult(Shown, Written):
         :meth:`PickReport.save` for ``.html``, the only suffix. A result that was opened from its folder needs ``arm``,
         ``scene`` and ``picks``.
         """
-        from pinproof.picks.report.page import write_page
-
         if Path(path).suffix.lower() != ".html":
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
         rows = ((row, None) for row in self.rows())

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +27,6 @@ from pinproof.model import Arm, guess_mark, guess_note
 from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import Array, matrix, pose
-
-if TYPE_CHECKING:
-    from pinproof.picks.batch.campaign import CampaignResult
-    from pinproof.picks.report.report import PickReport
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
@@ -55,7 +51,7 @@ CARD = """<section class="side card" id="card" aria-label="The chosen pick"{hidd
 
 def write_page(
     path: str | Path,
-    result: PickReport | CampaignResult,
+    result: Any,
     rows: Iterable[PageRow],
     counts: Mapping[str, int],
     *,
@@ -68,7 +64,8 @@ def write_page(
     """Write the page of a report or of a campaign, completely or not at all.
 
     The arm, the scene, and the tool and home that the picks share are by default those of the setup with which the
-    picks were judged. ``counts`` are the numbers of rows with each verdict. The default of the title is the name of the
+    picks were judged. ``result`` has them as its ``setup``, and states its summary, notes and source of acceleration
+    limits. ``counts`` are the numbers of rows with each verdict. The default of the title is the name of the
     robot. ``columns`` are further columns of the table, with a value for each row.
 
     InputError if there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing; ViewerError if the robot has
@@ -116,7 +113,7 @@ def write_page(
         why = escape(values.get("reason", ""))
         if values.get("remedy"):
             why += f'<span class="try">Suggestion: {escape(values["remedy"])}</span>'
-        figures = (_proven_text(values), _seconds(values.get("duration")))
+        figures = (_proven_text(values), seconds_text(values.get("duration")))
         own = ("" if texts[k] is None else str(texts[k]) for texts in columns.values())
         cells.append((values["name"], values["verdict"], values.get("failed_at") or "", *figures, Html(why), *own))
     kinds = [values["verdict"] for values, _ in shown]
@@ -164,9 +161,9 @@ def _caption(
     duration = row.get("duration")
     figures = {
         "Proven clearance": _proven_text(row),
-        "Duration": _seconds(duration) + ("" if duration is None else guess_mark(source)),
-        "Grasp at": _seconds(row.get("grasp_time")),
-        "Release at": _seconds(row.get("release_time")),
+        "Duration": seconds_text(duration) + ("" if duration is None else guess_mark(source)),
+        "Grasp at": seconds_text(row.get("grasp_time")),
+        "Release at": seconds_text(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
         "In the frame": row.get("frame", ""),
         "Grasp of the part": row.get("grasp") or "",
@@ -178,7 +175,9 @@ def _caption(
         for stage in row.get("stages", ())
     ]
     if len(motions := row.get("motions", ())) > 1:
-        parts = [("\u25b8", motion["name"], _seconds(motion["duration"]), _proven_text(motion)) for motion in motions]
+        parts = [
+            ("\u25b8", motion["name"], seconds_text(motion["duration"]), _proven_text(motion)) for motion in motions
+        ]
         steps = [(mark, name, f"{seconds}, {clearance}") for mark, name, seconds, clearance in parts] + steps
     lists = {"refuted configurations": row.get("refuted"), "other grasps that failed": row.get("grasps_failed")}
     return viewer.panels.Caption(
@@ -192,7 +191,8 @@ def _caption(
     )
 
 
-def _seconds(value: float | None) -> str:
+def seconds_text(value: float | None) -> str:
+    """A duration (s) as text; empty if there is none."""
     return "" if value is None else f"{value:.2f} s"
 
 

@@ -21,6 +21,7 @@ from pinproof.picks.input.pick import Pick
 from pinproof.picks.input.picks import PickProblem, Picks
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage
+from pinproof.picks.report.page import seconds_text, write_page
 from pinproof.picks.report.program_details import with_return
 from pinproof.picks.report.program_export import ExportedProgram
 from pinproof.picks.report.program_files import write_programs
@@ -119,10 +120,6 @@ class PickReport(Saved, Written):
                 raise InputError(f"the name {name!r} of a column {reason}")
         return replace(self, columns={**self.columns, **columns})
 
-    def _own_cells(self, verdict: PickVerdict | None) -> tuple[object, ...]:
-        """The values of the further columns."""
-        return tuple(None if verdict is None else column(verdict) for column in self.columns.values())
-
     def _view(self) -> View:
         rows = self.rows()
         lines = (
@@ -163,20 +160,26 @@ class PickReport(Saved, Written):
         left = f"; {self.not_judged} not judged, because the run was interrupted" if self.not_judged else ""
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "") + left
 
+    def _rows(self) -> list[tuple[dict[str, Any], PickVerdict | None, tuple[object, ...]]]:
+        """The values for JSON of each verdict and, after them, of each unreadable row, with the cells of the user."""
+        columns = self.columns.values()
+        judged = [(verdict.to_dict(), verdict, tuple(own(verdict) for own in columns)) for verdict in self.verdicts]
+        return [*judged, *((problem_row(problem), None, (None,) * len(columns)) for problem in self.problems)]
+
     def rows(self) -> list[tuple[str, ...]]:
         """The rows of the table with the columns :data:`COLUMNS` and those of the user; unreadable rows are last."""
         table: list[tuple[str, ...]] = []
-        for verdict in self.verdicts:
-            clearance = proven_millimetres(verdict.clearance) if verdict.motions else ""
-            duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
-            stage = "" if verdict.failed is None else verdict.failed.value
-            first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
-            own = ("" if value is None else str(value) for value in self._own_cells(verdict))
-            table.append((*first, verdict.reason, verdict.remedy, *own))
-        empty = ("",) * len(self.columns)
-        table.extend(
-            (problem.name, "unreadable", "input", "", "", problem.reason, "", *empty) for problem in self.problems
-        )
+        for row, verdict, own in self._rows():
+            clearance = proven_millimetres(verdict.clearance) if verdict is not None and verdict.motions else ""
+            first = (
+                row["name"],
+                row["verdict"],
+                row.get("failed_at") or "",
+                clearance,
+                seconds_text(row.get("duration")),
+            )
+            texts = ("" if value is None else str(value) for value in own)
+            table.append((*first, row["reason"], row.get("remedy", ""), *texts))
         return table
 
     def to_markdown(self) -> str:
@@ -205,9 +208,7 @@ class PickReport(Saved, Written):
     def _cells(self) -> list[list[Any]]:
         """The cells of the columns :data:`CSV_COLUMNS` and those of the user; None where there is no value."""
         table = []
-        rows = [(verdict.to_dict(), self._own_cells(verdict)) for verdict in self.verdicts]
-        rows += [(problem_row(problem), self._own_cells(None)) for problem in self.problems]
-        for row, own in rows:
+        for row, _, own in self._rows():
             score = row.get("score", {})
             cells = {
                 **row,
@@ -256,14 +257,10 @@ class PickReport(Saved, Written):
         self._save(path, arm=arm, scene=scene, picks=picks, title=title)
 
     def _write_page(self, path: str | Path, **settings: Any) -> None:
-        from pinproof.picks.report.page import PageRow, write_page
-
-        rows: list[PageRow] = [(verdict.to_dict(), verdict) for verdict in self.verdicts]
-        rows += [(problem_row(problem), None) for problem in self.problems]
-        counts = Counter(values["verdict"] for values, _ in rows)
-        own = [self._own_cells(verdict) for _, verdict in rows]
-        settings |= {"columns": {name: [cells[k] for cells in own] for k, name in enumerate(self.columns)}}
-        write_page(path, self, rows, counts, **settings)
+        rows = self._rows()
+        counts = Counter(values["verdict"] for values, *_ in rows)
+        settings |= {"columns": {name: [own[k] for *_, own in rows] for k, name in enumerate(self.columns)}}
+        write_page(path, self, ((values, verdict) for values, verdict, _ in rows), counts, **settings)
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, with the dwell times of :meth:`pinproof.picks.PickVerdict.program`."""

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, certify
 from pinproof.common.validation import require_integer, require_number, require_positive, require_type
 from pinproof.errors import InputError, NoClosedForm, TimingError
-from pinproof.ik import AnalyticIk
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import MotionPlan, plan, plan_linear
 from pinproof.spatial import SE3, Array, pose, rotation_about
@@ -23,7 +22,7 @@ from pinproof.tool_paths.curves import image_deviation
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.reasons import place_name
 from pinproof.tool_paths.result import SHOWN, FollowPlan, FollowStatus, PathPiece
-from pinproof.tool_paths.rungs import COSTS, FollowCosts, Grid, LadderSettings
+from pinproof.tool_paths.rungs import COSTS, FollowCosts, Grid, LadderSettings, redundant_axes
 from pinproof.tool_paths.search import FollowedPiece, Search
 from pinproof.tool_paths.timing import TimedPath, timed_along
 
@@ -166,13 +165,9 @@ def follow(
         )
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
-    joints: tuple[int, ...] = ()
-    if arm.dof > 6:
-        with contextlib.suppress(NoClosedForm):
-            joints = AnalyticIk().redundant_joints(arm)
-    lower, upper = arm.limits.sampling_range()
-    axes = [np.linspace(lower[joint], upper[joint], redundant) for joint in joints]
-    values = axes[0] if len(axes) == 1 else np.array(list(product(*axes))) if axes else None
+    joints, axes, values = (), [], None
+    with contextlib.suppress(NoClosedForm):
+        joints, axes, values = redundant_axes(arm, redundant)
     grid = Grid(angles, np.array([np.eye(3), *leans]), values)
     # The least time of a step: the slowest joint makes a step of the grid
     speed = np.where(np.isfinite(arm.limits.velocity), arm.limits.velocity, 1.0)
@@ -279,7 +274,7 @@ def _piece(search: Search, piece: FollowedPiece, timed: TimedPath | None) -> Pat
     if timed is not None:
         own = {name: getattr(timed, name) for name in ("speed", "speed_share", "ramps", "slow")}
     return PathPiece(
-        first=max(rungs[0].at, 0.0), last=min(rungs[-1].at, len(search.path) - 1.0), q=piece.course.q,
+        first=max(rungs[0].at, 0.0), last=min(rungs[-1].at, len(search.path) - 1.0), q=piece.q,
         rotations=piece.rotations, poses=np.array([rung.at for rung in rungs]), cost=piece.course.cost,
         grid_cost=piece.grid_cost, trajectory=None if timed is None else timed.trajectory, deviation=deviation,
         rotation_deviation=rotation_deviation, **own,

@@ -13,7 +13,7 @@ from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import Accepting, described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
-from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
+from pinproof.spatial import SE3, Array, finite, interpolate, rigid_many, rigid_matrix
 from pinproof.units import MOST_REACH, hint_at_unit, refuse_millimetres
 
 # Distance (m) and angle (rad) up to which consecutive poses are equal: a tenth of the accuracy of inverse kinematics.
@@ -190,6 +190,16 @@ class ToolPath(Shown):
         first, last = self.poses[0], self.poses[-1]
         apart = np.linalg.norm(last[:3, 3] - first[:3, 3]), np.linalg.norm(last[:3, 2] - first[:3, 2])
         return bool(len(self) > 2 and max(apart) < 1e-6)
+
+    def at(self, places: npt.ArrayLike) -> Array:
+        """(k, 4, 4) the poses at indices (k,) of poses; a fraction is a place on the line between two poses."""
+        here = np.clip(finite("places", places, (None,)), 0.0, len(self) - 1.0)
+        first = np.minimum(here.astype(int), max(len(self) - 2, 0))
+        ends = [SE3(each[:3, :3], each[:3, 3]) for each in self.poses]
+        return np.array([
+            interpolate(ends[k], ends[min(k + 1, len(ends) - 1)], share).homogeneous
+            for k, share in zip(first.tolist(), (here - first).tolist(), strict=True)
+        ]).reshape(-1, 4, 4)  # fmt: skip
 
     @property
     def duration(self) -> float:

@@ -64,10 +64,8 @@ class PathPiece:
 
     first: float = key("index of its first pose; a fraction for a place between two poses")
     last: float = key("index of its last pose")
-    q: Array = key("(k, n) the configurations at the rungs", hidden=True)
-    rotations: Array = key(
-        "(k,) the rotations (rad) of the tool about its axis at the rungs, from the grid", hidden=True
-    )
+    q: Array = key("(k, n) the configurations of the motion at the rungs", hidden=True)
+    rotations: Array = key("(k,) the rotations (rad) of the tool about its axis at the rungs", hidden=True)
     poses: Array = key("(k,) the index of the pose of each rung; a fraction between two poses", hidden=True)
     cost: float = key("the cost of the motion from rung to rung")
     grid_cost: float = key("the least cost over the grid, before finer values around the optimum are compared")

@@ -95,6 +95,20 @@ class Grid:
         return turns
 
 
+def redundant_axes(arm: Arm, count: int) -> tuple[tuple[int, ...], list[Array], Array | None]:
+    """The redundant joints of an arm, ``count`` values of each, and all combinations as :attr:`Grid.redundant`.
+
+    Raises
+    ------
+    NoClosedForm
+        If the arm has no closed form.
+    """
+    joints = AnalyticIk().redundant_joints(arm)
+    lower, upper = arm.limits.sampling_range()
+    axes = [np.linspace(lower[joint], upper[joint], count) for joint in joints]
+    return joints, axes, axes[0] if len(axes) == 1 else np.array(list(product(*axes))) if axes else None
+
+
 @dataclass(eq=False)
 class Rung:
     """A pose of a route with its nodes; ``at`` is the index of the pose of the path, a fraction between two poses.

@@ -72,13 +72,14 @@ WINDOW = 2.0
 class FollowedPiece:
     """A part of the path from one rung to another one, with the curve along each route or part of a route.
 
-    ``groups`` are the curves of approach, path and departure, each with the speed of its pieces at most, and where it
-    is also the speed that is wanted.
+    ``q`` (k, n) are the configurations of the curves at the rungs. ``groups`` are the curves of approach, path and
+    departure, each with the speed of its pieces at most, and where it is also the speed that is wanted.
     """
 
     first: int
     last: int
     course: Course
+    q: Array
     grid_cost: float
     curves: list[RouteCurve]
     groups: list[list[tuple[CubicPath, Array, Flags]]]
@@ -324,7 +325,7 @@ class Search:
         maker = CurveMaker(self.checker.arm, self.task, allowed[0], allowed[1], self.spin, projection)
         curves: list[RouteCurve] = []
         groups: list[list[tuple[CubicPath, Array, Flags]]] = [[], [], []]
-        begin = 0
+        begin, q = 0, course.q.copy()
         while begin < len(rungs) - 1:
             number = rungs[begin + 1].route
             end = begin + 1
@@ -342,6 +343,7 @@ class Search:
                 where, reason = _stop(certificate), certificate.message
                 if certificate.free:
                     curves.append(made)
+                    q[begin : end + 1] = made.path(s)
                     knots, ats = made.path.knots, np.array([rung.at for rung in rungs[begin : end + 1]])
                     group = 0 if ats[-1] <= 0.0 else 1 if ats[0] < len(self.path) - 1 else 2
                     groups[group].append((made.path, *self._speeds(np.interp(0.5 * (knots[1:] + knots[:-1]), s, ats))))
@@ -349,7 +351,7 @@ class Search:
                     continue
             edge = begin + int(np.clip(np.searchsorted(s, where, side="right") - 1, 0, end - begin - 1))
             return first + edge, reason
-        return FollowedPiece(first, last, course, grid_cost, curves, groups, self._rotations(course.q, rungs))
+        return FollowedPiece(first, last, course, q, grid_cost, curves, groups, self._rotations(q, rungs))
 
     def _rotations(self, q: Array, rungs: list[Rung]) -> Array:
         """(k,) the rotation (rad) of the tool about its axis from the pose of each rung, in its range."""

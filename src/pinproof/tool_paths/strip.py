@@ -1,0 +1,146 @@
+"""The strip of allowed tool rotations over a path: which rotations of the tool have a free configuration, and where."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker
+from pinproof.common import theme
+from pinproof.common.results import Html, Rows, Shown, View
+from pinproof.common.structs import described, key
+from pinproof.common.validation import require_integer
+from pinproof.ik import IkTask
+from pinproof.spatial import Array
+from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.reasons import obstruction
+from pinproof.tool_paths.result import Obstruction
+from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill, redundant_axes
+
+if TYPE_CHECKING:
+    from pinproof.tool_paths.result import FollowPlan
+
+# What a cell of the strip states, by its code, with its colour in pages.
+CELLS: tuple[tuple[str, str], ...] = (
+    ("free", "#bfe3cf"),
+    (Obstruction.CONTACT.value, "#e7b1b3"),
+    (Obstruction.LIMIT.value, "#f3d9ad"),
+    (Obstruction.OUT_OF_REACH.value, "#c9d1d9"),
+)
+CODES = {Obstruction.CONTACT: 1, Obstruction.LIMIT: 2, Obstruction.OUT_OF_REACH: 3}
+# Size of the picture in SVG units.
+WIDTH, HEIGHT = 720.0, 150.0
+# Values of the redundant joint of an arm of seven joints at which a cell is checked.
+REDUNDANT = 12
+
+
+@described(eq=False)
+class RotationStrip(Shown):
+    """For each pose of a path and each rotation of the tool about its axis, whether the arm has a free configuration.
+
+    A cell that is not free is proven for arms with a closed form of up to six joints. A row of free cells is no proof
+    of a motion.
+    """
+
+    places: Array = key("(k,) indices of poses of the path; a fraction between two poses", hidden=True)
+    rotations: Array = key("(m,) rotations (rad) away from the poses of the path, in [-pi, pi)", hidden=True)
+    cells: npt.NDArray[np.int64] = key(
+        "(k, m) 0 for a free configuration, 1 if all are in contact, 2 if all are outside the limits, 3 if out of reach",
+        hidden=True,
+    )
+    chosen: tuple[Array, ...] = key(
+        "(p, 2) place and rotation of the motion, for each piece of it", default=(), hidden=True
+    )
+
+    @property
+    def free(self) -> Array:
+        """(k,) the share of the rotations that are free at each place."""
+        return np.asarray((self.cells == 0).mean(axis=1))
+
+    def svg(self) -> Html:
+        """The strip as a picture: the path from left to right, the rotation upwards, and the line of the motion."""
+        across = WIDTH / len(self.places)
+        up = HEIGHT / len(self.rotations)
+        drawn = []
+        for k, column in enumerate(self.cells.tolist()):
+            ends = [0, *(j for j in range(1, len(column)) if column[j] != column[j - 1]), len(column)]
+            for first, last in zip(ends[:-1], ends[1:], strict=True):
+                drawn.append(
+                    f'<rect x="{k * across:.1f}" y="{HEIGHT - last * up:.1f}" width="{across + 0.3:.1f}" '
+                    f'height="{(last - first) * up:.1f}" fill="{CELLS[column[first]][1]}"/>'
+                )
+        # The line of the motion, cut where it leaves the picture at one side and enters it at the other
+        for line in self.chosen:
+            x = np.interp(line[:, 0], self.places, (np.arange(len(self.places)) + 0.5) * across)
+            y = HEIGHT * (0.5 - (np.remainder(line[:, 1] + np.pi, 2.0 * np.pi) - np.pi) / (2.0 * np.pi))
+            for part in np.split(np.arange(len(x)), 1 + np.flatnonzero(np.abs(np.diff(y)) > 0.5 * HEIGHT)):
+                points = " ".join(f"{x[i]:.1f},{y[i]:.1f}" for i in part.tolist())
+                drawn.append(
+                    f'<polyline points="{points}" fill="none" stroke="{theme.COLOURS["ink"]}" stroke-width="2"/>'
+                )
+        label = f"rotation of the tool over the path, {100.0 * self.free.min():.0f} % free at the least"
+        return Html(
+            f'<svg role="img" aria-label="{escape(label)}" viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" '
+            f'preserveAspectRatio="none">{"".join(drawn)}</svg>'
+        )
+
+    def _view(self) -> View:
+        free = self.free
+        worst = int(free.argmin())
+        head = (
+            f"{len(self.places)} places of the path, {len(self.rotations)} rotations; {100.0 * free[worst]:.0f} % free "
+            f"at place {self.places[worst]:g}, the least"
+        )
+        counts = [(name, int((self.cells == code).sum())) for code, (name, _) in enumerate(CELLS)]
+        return View(head, [self.svg(), Rows(("cell", "number"), counts)], (f"{name}: {n}" for name, n in counts if n))
+
+
+def rotation_strip(
+    checker: CollisionChecker, path: ToolPath, plan: FollowPlan | None = None, *, rotations: int = 72, places: int = 120
+) -> RotationStrip:
+    """Which rotations of the tool about its axis are free over a path, with the one that a plan has chosen.
+
+    Parameters
+    ----------
+    checker
+        The arm in its scene.
+    path
+        The path.
+    plan
+        The plan whose rotation is drawn.
+    rotations
+        Number of rotations over a full revolution.
+    places
+        Largest number of places of the path, which are evenly spaced over its length.
+
+    Raises
+    ------
+    NoClosedForm
+        If the arm has no closed form.
+    """
+    require_integer("rotations", rotations, 2)
+    require_integer("places", places, 2)
+    # The places: all poses if there are few, otherwise evenly over the length
+    count = len(path)
+    at = np.arange(count, dtype=float)
+    if count > places or count < 30:
+        along = np.concatenate([[0.0], np.cumsum(np.maximum(path.lengths, 1e-6))])
+        at = np.interp(np.linspace(0.0, along[-1], 1 if count == 1 else places), along, at)
+    poses, angles = path.at(at), 2.0 * np.pi * (np.arange(rotations) + 0.5) / rotations - np.pi
+    # A rung for each cell, with the pose of the tool rotated
+    turns = Grid(angles, np.eye(3)[None]).turns
+    rungs = [Rung(0, 0.0, pose @ turn, where) for where, pose in zip(at.tolist(), poses, strict=True) for turn in turns]
+    alone = Grid(np.zeros(1), np.eye(3)[None], redundant_axes(checker.arm, REDUNDANT)[2])
+    fill(rungs, checker, alone, IkTask(), FollowCosts(), 0)
+    codes = [0 if len(rung.rates) else CODES[obstruction(rung)] for rung in rungs]
+    # The rotation of the motion
+    chosen = []
+    for piece in () if plan is None else plan.pieces:
+        on = (piece.poses >= 0.0) & (piece.poses <= count - 1.0)
+        frames = checker.arm.forward_kinematics_batch(piece.q[on])[:, :3, :3]
+        turned = np.swapaxes(path.at(piece.poses[on])[:, :3, :3], 1, 2) @ frames
+        chosen.append(np.column_stack([piece.poses[on], np.arctan2(turned[:, 1, 0], turned[:, 0, 0])]))
+    return RotationStrip(at, angles, np.array(codes, dtype=np.int64).reshape(len(at), -1), tuple(chosen))

@@ -34,6 +34,8 @@ GRID_STEP = 1.2
 SLOWEST = 0.1
 # Share by which the tool may be slower without a sentence about it, if no tolerance is stated.
 TOLERANCE = 0.1
+# The names of the parts of a motion.
+PARTS, TRANSIT = ("approach", "path", "departure"), "transit"
 
 
 def follow(
@@ -197,7 +199,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
     checker, path, names = search.checker, search.path, search.path.names
     tolerance = TOLERANCE if speed_tolerance is None else speed_tolerance
     pieces: list[PathPiece] = []
-    parts: list[list[Trajectory]] = []
+    parts: list[list[tuple[str, Trajectory]]] = []
     untimed = ""
     for piece in followed:
         timed: list[TimedPath | None] = [None, None, None]
@@ -209,7 +211,8 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
                     fresh: dict[str, Any] = {"routes": [], "rungs": [], "extended": [], "refined": 0, "removed": 0}
                     return _result(replace(search, stops=True, **fresh), speed_tolerance, lifts)
                 untimed = str(error)
-        parts.append([part.trajectory for part in timed if part is not None])
+        named = zip(PARTS, timed, strict=True)
+        parts.append([(name, part.trajectory) for name, part in named if part is not None])
         pieces.append(_piece(search, piece, timed[1]))
     cuts = tuple(piece.first for piece in pieces[1:])
     figures: dict[str, Any] = {
@@ -234,7 +237,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
     if untimed:
         return FollowPlan(FollowStatus.NOT_PROVEN, f"the motion cannot be timed: {untimed}", **figures)
     # Transits from piece to piece, lifted along the tool axis where that is possible
-    motion: list[Trajectory] = [*parts[0]]
+    motion: list[tuple[str, Trajectory]] = [*parts[0]]
     transits: list[MotionPlan] = []
     for (before, after), rest in zip(pairwise(followed), parts[1:], strict=True):
         leave = _line(checker, before.course.q[-1], search.departure, away=True)
@@ -245,9 +248,12 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         if not transit.ok:
             message = f"no transit from {place_name(search.rungs[before.last], names)}: {transit.message}"
             return FollowPlan(FollowStatus.NO_TRANSIT, message, transits=tuple(transits), **figures)
-        motion += [*(part for part in (leave, transit.trajectory, enter) if part is not None), *rest]
-    figures |= {"transits": tuple(transits)}
-    whole = Trajectory.join(*motion) if motion else Trajectory.at_rest(followed[0].course.q[0], checker.arm.joint_names)
+        between = zip((PARTS[2], TRANSIT, PARTS[0]), (leave, transit.trajectory, enter), strict=True)
+        motion += [*((name, part) for name, part in between if part is not None), *rest]
+    figures |= {"transits": tuple(transits), "motions": tuple(motion)}
+    whole = Trajectory.at_rest(followed[0].course.q[0], checker.arm.joint_names)
+    if motion:
+        whole = Trajectory.join(*(part for _, part in motion))
     certificate = certify(whole, checker)
     if not certificate.free:
         return FollowPlan(FollowStatus.NOT_PROVEN, certificate.message, certificate=certificate, **figures)

@@ -115,6 +115,9 @@ class FollowPlan(PlannedMotion):
         "the whole motion with approaches, departures and transits, if FOUND", default=Solution()
     )
     certificate: Solution[Certificate] = key("the FREE certificate of the motion, if FOUND", default=Solution())
+    motions: tuple[tuple[str, Trajectory], ...] = key(
+        "its parts in order, with their names: approach, path, departure or transit", default=(), hidden=True
+    )
     nodes: int = key("number of configurations of the grid that were compared", default=0)
     removed: int = key("number of edges that were removed because no curve along them is possible", default=0)
     rungs: int = key("number of rungs of the grid", default=0)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -356,7 +356,9 @@ class ProgramCertificate(Shown):
         return self.message
 
 
-def certify_program(program: RobotProgram, checker: CollisionChecker) -> ProgramCertificate:
+def certify_program(
+    program: RobotProgram, checker: CollisionChecker, *, process: Collection[str] = ()
+) -> ProgramCertificate:
     """Certify what a controller executes according to the text of a program.
 
     Parameters
@@ -365,6 +367,8 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
         The program, as read from its text.
     checker
         The arm with its tool in its scene. Attached bodies are assumed over the whole program.
+    process
+        The outputs that switch a process, such as the flow of glue, and no gripper.
 
     Raises
     ------
@@ -384,7 +388,9 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
     # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.
     overlapping = tuple(overlaps(program, checker.arm, traces))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
-    outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput))
+    outputs = tuple(
+        step.line for step in program.steps if isinstance(step, SetOutput) and step.output not in process
+    )
     untraced += tuple(unknown_speeds(program, checker.arm))
     untraced += (fault,) if (fault := tool_fault(program, checker.arm)) else ()
     return ProgramCertificate(tuple(parts), tuple(notes), overlapping, outside, untraced, outputs)
@@ -452,7 +458,7 @@ def export_program(
     if language.exact and isinstance(curve, Trajectory):
         steps = [StreamedTrajectory(curve.record())]
     elif period is None:
-        steps = _moves_between_rests(curve, checker, deviation, zones_of(dialect), linear=linear)
+        steps = moves_between_rests(curve, checker, deviation, zones_of(dialect), linear=linear)
     else:
         if not language.streams or not isinstance(curve, Trajectory):
             raise InputError(f"programs in {dialect} cannot stream set points; remove period")
@@ -535,10 +541,13 @@ def _line_proven(
     return proven(JointPath(np.stack([one, other]), names), np.full(len(names), spare))
 
 
-def _moves_between_rests(
+def moves_between_rests(
     curve: Curve, checker: CollisionChecker, deviation: float, zones: Sequence[Blend], *, linear: bool
 ) -> list[Step]:
-    """The moves from each rest of a curve to the next one; without a proof they lead through samples of the curve."""
+    """Return the moves from each rest of a curve to the next one, after a move to its start.
+
+    Without a proof they lead through samples of the curve.
+    """
     arm, names = checker.arm, checker.arm.joint_names
     # Samples of the curve, and the parts of it from rest to rest
     if isinstance(curve, JointPath):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from enum import Enum
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from pinproof.collision import Certificate, CollisionChecker
 from pinproof.common.results import Rows, Solution, View
 from pinproof.common.structs import described, key
+from pinproof.errors import NoClosedForm
 from pinproof.motion import Trajectory
 from pinproof.planning import MotionPlan, PlannedMotion
 from pinproof.spatial import Array
@@ -168,8 +170,13 @@ class FollowPlan(PlannedMotion):
         return found | {"rungs": self.rungs, "nodes": self.nodes, "removed": self.removed}
 
     def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
+        from pinproof.tool_paths.pictures import coloured_path, rotation_strip, strip_panel
+
         checker, place = self.checker, self.checker.arm.root_from_base.homogeneous
-        shown: dict[str, Any] = {"attached": checker.attached}
+        shown: dict[str, Any] = {"attached": checker.attached, "points": coloured_path([self])}
+        with contextlib.suppress(NoClosedForm):
+            strip = rotation_strip(checker, self.path, self)
+            shown |= {"panel": strip_panel({self.path.name: strip}, {self.path.name: self.path.names})}
         if self.ok:
             ends = {"start of the path": self.path.poses[0], "end of the path": self.path.poses[-1]}
             shown |= {"frames": {name: place @ pose for name, pose in ends.items()}}

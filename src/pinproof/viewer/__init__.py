@@ -10,7 +10,7 @@ from pinproof.viewer.overlays import (
     LONGEST as LONGEST, ColouredPoints as ColouredPoints, PoseMarkers as PoseMarkers, arrow as arrow,
 )  # fmt: skip
 from pinproof.viewer.page import PlotLimits as PlotLimits, write_html as write_html
-from pinproof.viewer.panels import Bar as Bar
+from pinproof.viewer.panels import Bar as Bar, legend as legend
 from pinproof.viewer.picture import stage_commands as stage_commands
 from pinproof.viewer.png import write_png as write_png
 from pinproof.viewer.stage import (

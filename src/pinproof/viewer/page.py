@@ -91,6 +91,8 @@ def write_html(
         Layers that are visible when the page opens, in addition to the default ones: ``collision`` (the collision
         geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several
         steps of the motion). The page has a switch for each layer.
+    panel
+        HTML of a panel of the class ``below``, which the page shows below the picture.
     plot
         The limits in the plots of position, velocity, acceleration, jerk and torque over time, which the page shows
         below the motion. Default: the limits of position and velocity of the arm, and those of acceleration and jerk
@@ -122,7 +124,7 @@ def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits |
     text = panels.page(
         picture.title or picture.arm.robot.name,
         "motion",
-        plots + SIDE.format(caption=caption.html(rendered.stage.notes)),
+        picture.panel + plots + SIDE.format(caption=caption.html(rendered.stage.notes)),
         {**rendered.settings, "live": live},
         rendered.commands,
         label="Three-dimensional view",

@@ -160,6 +160,7 @@ class PictureContent(TypedDict, total=False):
     frames: Mapping[str, SE3]
     layers: Collection[str]
     elbow: SelfMotion | SelfMotionCurve | None
+    panel: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +180,7 @@ class Picture:
     frames: Mapping[str, SE3] = field(default_factory=dict)
     layers: Collection[str] = ()
     elbow: SelfMotion | SelfMotionCurve | None = None
+    panel: str = ""
 
     def render(self) -> RenderedPicture:
         """Create the drawing commands, the settings and the caption.

@@ -1,9 +1,13 @@
-"""The strip of allowed tool rotations over a path: which rotations of the tool have a free configuration, and where."""
+"""What pages show of tool paths: the path in colours, and the strip of allowed tool rotations over it.
+
+The strip states which rotations of the tool about its axis have a free configuration, and where on the path.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +26,7 @@ from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill, redundant_a
 
 if TYPE_CHECKING:
     from pinproof.tool_paths.result import FollowPlan
+    from pinproof.viewer import ColouredPoints
 
 # What a cell of the strip states, by its code, with its colour in pages.
 CELLS: tuple[tuple[str, str], ...] = (
@@ -33,6 +38,8 @@ CELLS: tuple[tuple[str, str], ...] = (
 CODES = {Obstruction.CONTACT: 1, Obstruction.LIMIT: 2, Obstruction.OUT_OF_REACH: 3}
 # Size of the picture in SVG units.
 WIDTH, HEIGHT = 720.0, 150.0
+# Number of points of a path in colours, and their diameter (m) and the clearance (mm) at the end of the scale.
+POINTS, SIZE, WIDE = 240, 0.006, 50.0
 # Values of the redundant joint of an arm of seven joints at which a cell is checked.
 REDUNDANT = 12
 
@@ -144,3 +151,64 @@ def rotation_strip(
         turned = np.swapaxes(path.at(piece.poses[on])[:, :3, :3], 1, 2) @ frames
         chosen.append(np.column_stack([piece.poses[on], np.arctan2(turned[:, 1, 0], turned[:, 0, 0])]))
     return RotationStrip(at, angles, np.array(codes, dtype=np.int64).reshape(len(at), -1), tuple(chosen))
+
+
+def strip_panel(strips: Mapping[str, RotationStrip], names: Mapping[str, tuple[str, ...]]) -> str:
+    """The panel of a page with strips by the names of their paths; ``names`` are those of the poses of each path."""
+    from pinproof.viewer import legend
+
+    if not strips:
+        return ""
+    half = "".join(
+        f'<span class="tick" style="top:{top}%">{degrees}&deg;</span>'
+        for top, degrees in ((6, "180"), (50, "0"), (94, "&minus;180"))
+    )
+    figures = "".join(
+        f'<figure><figcaption>{escape(name)}: rotation of the tool about its axis over the path</figcaption>'
+        f'<div class="strip">{strip.svg()}{half}</div><div class="ends"><span>{escape(names[name][0])}</span>'
+        f"<span>{escape(names[name][-1])}</span></div></figure>"
+        for name, strip in strips.items()
+    )  # fmt: skip
+    meaning = [*CELLS, ("rotation of the motion", theme.COLOURS["ink"])]
+    used = {code for strip in strips.values() for code in np.unique(strip.cells).tolist()}
+    shown = [each for code, each in enumerate(meaning) if code in used or code == len(CELLS)]
+    return (
+        f'<section id="strips" class="below" aria-label="Allowed rotations of the tool">'
+        f'{legend(shown, "Meaning of the cells")}<div class="panels">{figures}</div></section>'
+    )
+
+
+def coloured_path(plans: Sequence[FollowPlan], by: Literal["clearance", "speed"] = "clearance") -> ColouredPoints:
+    """The points of paths, coloured by the clearance of the arm or the speed of the tool on them.
+
+    Paths without a motion are green where they can be followed, and red where they cannot be passed.
+    """
+    from pinproof.viewer import ColouredPoints
+
+    checker = plans[0].checker
+    root, arm = checker.arm.root_from_base.homogeneous, checker.arm
+    found = [motion for plan in plans if plan.ok for name, motion in plan.motions if name == "path"]
+    if found and all(plan.ok for plan in plans):
+        count = max(POINTS // len(found), 40)
+        parts = [(motion, np.linspace(0.0, motion.duration, count)) for motion in found]
+        q = np.concatenate([motion(times) for motion, times in parts])
+        if by == "speed":
+            rates = np.concatenate([motion.velocity(times) for motion, times in parts])
+            values = np.linalg.norm((arm.jacobian_batch(q)[:, :3] @ rates[:, :, None])[:, :, 0], axis=1) * 1e3
+            label, high = "tool [mm/s]", float(values.max())
+        else:
+            values = checker.clearance_batch(q) * 1e3
+            label, high = "clearance [mm]", float(np.clip(values.max(), 1.0, WIDE))
+        places = (root @ arm.forward_kinematics_batch(q))[:, :3, 3]
+        return ColouredPoints.of_values(places, values, label=label, high=high, size=SIZE)
+    places, colours = list[Array](), list[Array]()
+    good, bad = (np.array(theme.rgb(theme.COLOURS[name])) for name in ("good", "bad"))
+    for plan in plans:
+        at = np.linspace(0.0, len(plan.path) - 1.0, POINTS)
+        blocked = np.zeros(len(at), dtype=bool)
+        for each in plan.blocked:
+            blocked |= (at >= each.pose - 0.01) & (at <= each.last + 0.01)
+        places.append((root @ plan.path.at(at))[:, :3, 3])
+        colours.append(np.where(blocked[:, None], bad, good))
+    legend = (("can be passed", tuple(good)), ("cannot be passed", tuple(bad)))
+    return ColouredPoints(np.concatenate(places), np.concatenate(colours), SIZE, legend)

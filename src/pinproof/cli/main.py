@@ -26,6 +26,7 @@ import pinproof as pp
 from pinproof.cli.cell import cell_allocate, cell_compare, cell_place, cell_sequence, cell_tolerance
 from pinproof.cli.certify import certify_motion, export
 from pinproof.cli.console import Interrupted, LongSteps, print_error, print_json, print_note
+from pinproof.cli.follow import follow
 from pinproof.cli.grasps import grasps
 from pinproof.cli.motion import check, plan, view
 from pinproof.cli.new import new_cell
@@ -97,6 +98,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "cell tolerance": cell_tolerance,
     "check": check,
     "plan": plan,
+    "follow": follow,
     "certify": certify_motion,
     "export": export,
     "view": view,
@@ -112,7 +114,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 
 PANELS = {
     **dict.fromkeys(("demo", "new", "pick", "reach", "grasps", "cell"), PICKS),
-    **dict.fromkeys(("check", "plan", "certify", "export", "view"), MOTIONS),
+    **dict.fromkeys(("check", "plan", "follow", "certify", "export", "view"), MOTIONS),
     **dict.fromkeys(("info", "fk", "ik", "dh2urdf", "urdf2dh"), ROBOTS),
     **dict.fromkeys(("schema", "bench"), OTHERS),
 }

@@ -76,13 +76,17 @@ class CellOptions(RobotFileOptions):
         world_from_root = placement(self.place)
         if not world_from_root.isIdentity():
             source = source.transformed(world_from_root.inverse())
-        # Options of the command replace keys of the file, whose lines errors then no longer name.
-        shared = source.shared
+        shared = self.replaced(source.shared)
+        return shared.load_arm(), shared.load_scene().transformed(world_from_root.inverse()), source
+
+    def replaced(self, shared: pp.Picks) -> pp.Picks:
+        """The settings of a file with those of the command, which replace keys of the file, in their place."""
+        # Errors then no longer name the lines of these keys
         if self.robot is not None:
             none: dict[str, Any] = {"srdf": None, "calibration": None, "limits": None}
             shared = replace(shared, robot=self.robot, package_dirs=(), xacro_args={}, **none)
         stated_here = {"robot": self.robot, "tcp": self.tcp, **{f"xacro_args.{name}": name for name in self.xacro_args}}
-        arm = replace(
+        return replace(
             shared,
             srdf=self.srdf or shared.srdf,
             package_dirs=tuple(self.package_dir or shared.package_dirs),
@@ -90,11 +94,9 @@ class CellOptions(RobotFileOptions):
             calibration=self.calibration or shared.calibration,
             limits=self.limits or shared.limits,
             tcp=self.tcp or shared.tcp,
+            scene=self.scene or shared.scene,
             places={key: place for key, place in shared.places.items() if not stated_here.get(key)},
-        ).load_arm()
-        scene_file = self.scene or shared.scene
-        scene = pp.Scene() if scene_file is None else pp.Scene.load(scene_file)
-        return arm, scene.transformed(world_from_root.inverse()), source
+        )
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,8 @@ from pinproof.picks.report.profile import (
     BodyTime as BodyTime, PickProfile as PickProfile, StageTime as StageTime, profile_picks as profile_picks,
 )  # fmt: skip
 from pinproof.picks.report.program_details import (
-    check_export as check_export, with_motion as with_motion, with_return as with_return,
+    check_export as check_export, controller_tool as controller_tool, with_motion as with_motion,
+    with_return as with_return,
 )  # fmt: skip
 from pinproof.picks.report.program_export import (
     ExportedProgram as ExportedProgram, PicksProgram as PicksProgram, ProgramCheck as ProgramCheck,

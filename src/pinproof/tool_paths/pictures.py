@@ -39,7 +39,7 @@ CODES = {Obstruction.CONTACT: 1, Obstruction.LIMIT: 2, Obstruction.OUT_OF_REACH:
 # Size of the picture in SVG units.
 WIDTH, HEIGHT = 720.0, 150.0
 # Number of points of a path in colours, and their diameter (m) and the clearance (mm) at the end of the scale.
-POINTS, SIZE, WIDE = 240, 0.006, 50.0
+POINTS, SIZE, WIDE = 240, 0.012, 50.0
 # Values of the redundant joint of an arm of seven joints at which a cell is checked.
 REDUNDANT = 12
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -91,6 +92,12 @@ class ToolPathProgram(Answer):
         """Whether the program keeps to the allowed deviation."""
         return self.deviation <= self.allowed[0] and self.rotation_deviation <= self.allowed[1]
 
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as plain values for JSON."""
+        names = ("ok", "message", "deviation", "rotation_deviation", "speed_share", "stops")
+        own = {"dialect": self.program.dialect, "moves": len(self.program.moves), "hash": self.certificate.hash}
+        return {name: getattr(self, name) for name in names} | own
+
     @property
     def message(self) -> str:
         """The certificate, the deviation and the speed in one sentence."""
@@ -167,16 +174,7 @@ def export_motions(
         If there is no motion, or the language cannot express the joints or the outputs.
     """
     arm, language = checker.arm, find_dialect(dialect)
-    external = external_joints(arm)
-    if external:
-        raise InputError(
-            f"programs of tool paths move the six joints of the robot; hold {', '.join(external)}, or follow the path "
-            "with the joints before the robot at rest"
-        )
-    if reason := language.refuses(arm, external):
-        raise InputError(reason)
-    if not language.outputs:
-        raise InputError(f"{dialect}: the process needs a digital output; use urscript, rapid, krl or fanuc")
+    require_language(arm, dialect)
     if not motions:
         raise InputError("there is no motion to export")
     output = (language.outputs if language.outputs.isdigit() else PROCESS) if output is None else output
@@ -199,7 +197,6 @@ def export_motions(
         steps += [*switches[:1], *lines[-1].steps, *switches[1:]]
     write = partial(
         make_program, steps, arm.joint_names, dialect=dialect, name=name, deviation=deviation, tool=tool,
-        external_joints=external,
     )  # fmt: skip
     # What the text states is certified; a proven program states the hash of its certificate
     program = write()
@@ -221,6 +218,28 @@ def export_motions(
         min((each.share for each in lines), default=1.0) * min(written, default=1.0),
         sum(each.stops for each in lines),
     )  # fmt: skip
+
+
+def require_language(arm: Arm, dialect: str) -> None:
+    """Refuse a language in which programs of tool paths cannot be written for an arm.
+
+    Raises
+    ------
+    InputError
+        If the language cannot express the joints, or has no outputs.
+    UnknownNameError
+        If the language does not exist.
+    """
+    language, external = find_dialect(dialect), external_joints(arm)
+    if not language.outputs:
+        raise InputError(f"{dialect}: the process needs a digital output; use urscript, rapid, krl or fanuc")
+    if external:
+        raise InputError(
+            f"programs of tool paths move the six joints of the robot, but the arm also has {', '.join(external)}; hold "
+            "them with the key held"
+        )
+    if reason := language.refuses(arm, external):
+        raise InputError(reason)
 
 
 def _between(checker: CollisionChecker, motion: ProgramMotion, deviation: float, dialect: str) -> list[Step]:

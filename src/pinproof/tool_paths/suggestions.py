@@ -207,5 +207,4 @@ def _part_moved(case: Case, motion: SE3, names: Sequence[str]) -> Case:
     scene, moved = case.checker.scene, root * motion * root.inverse()
     for name in names:
         scene = scene.move(name, moved * scene[name].pose)
-    path = replace(case.path, poses=motion.homogeneous @ case.path.poses)
-    return Case(case.checker.with_scene(scene), path, case.settings)
+    return Case(case.checker.with_scene(scene), case.path.transformed(motion), case.settings)

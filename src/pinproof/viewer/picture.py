@@ -296,7 +296,7 @@ class Picture:
             "robot": ([["robot", name, "visual"] for name, surfaces, _ in links if surfaces], True, ""),
             "collision": ([["robot", name, "collision"] for name, _, bodies in links if bodies], False, ""),
             "scene": ([["scene"]] if stage.obstacles else [], True, ""),
-            "path": ([["tcp path"]] if np.ptp(shown.tcps, axis=0).any() else [], True, ""),
+            "path": ([["tcp path"]] if np.ptp(shown.tcps, axis=0).any() else [], self.points is None, ""),
             "sweep": ([["sweep"]] if steps else [], False, f"{steps} steps"),
             "ghosts": ([["ghosts"]] if ghosts else [], True, copied),
             "frames": ([["frames"]], bool(self.frames), ""),

@@ -17,7 +17,7 @@ from pinproof.cli.console import (
     written,
 )
 from pinproof.cli.options import Html, Json, Seed, argument, option, placement
-from pinproof.cli.pick import CellOptions
+from pinproof.cli.pick import CellOptions, check_signal
 from pinproof.errors import InputError
 
 
@@ -55,10 +55,12 @@ class FollowOutput:
         """The folder of ``-o``, if it is one; outputs that cannot be written are refused before the work starts."""
         if self.export is None and (self.process_output is not None or self.export_deviation is not None):
             raise InputError("--process-output and --export-deviation need --export")
+        check_signal("--process-output", self.export, self.process_output)
         check_output_files([self.save, html], inputs)
-        is_folder = self.output is not None and check_report_output(self.output, pp.tool_paths.FollowReport.formats)
-        if self.export is not None and not is_folder:
+        kinds = pp.tool_paths.FollowReport.formats
+        if self.export is not None and (self.output is None or self.output.suffix.lower() in kinds):
             raise InputError("--export belongs to -o with a folder; add -o FOLDER")
+        is_folder = self.output is not None and check_report_output(self.output, kinds)
         if self.output is not None and not is_folder:
             check_output_files([self.output], inputs)
         return self.output if is_folder else None
@@ -81,14 +83,13 @@ def follow(
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
-    """Follow the tool paths of a file: one certified motion at the stated speed, or which poses cannot be passed and why.
+    """Follow the tool paths of a file by one certified motion, or state which poses cannot be passed and why.
 
     Exit code 1 if a path cannot be followed, or the program of --export is not proven.
 
     Example: pinproof follow docs/examples/weld_seam/weld_seam.yaml -o weld
     """
     job = pp.tool_paths.read_tool_paths(file)
-    folder = out.folder([file, *cell.files], html)
     # Options of the command replace keys of the file; the robot may be placed in the cell
     root_from_world = placement(cell.place).inverse()
     settings = cell.replaced(job.settings).transformed(root_from_world)
@@ -98,6 +99,7 @@ def follow(
     if out.export is not None:
         pp.picks.check_export(arm, settings, out.export)
         pp.tool_paths.require_language(arm, out.export)
+    folder = out.folder([file, *cell.files], html)
     checker = job.load_checker(arm, job.load_scene().transformed(root_from_world))
     for contact in checker.fixed_contacts:
         print_note(f"every configuration is in collision: {contact}")

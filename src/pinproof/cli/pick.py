@@ -99,6 +99,15 @@ class CellOptions(RobotFileOptions):
         )
 
 
+def check_signal(name: str, export: str | None, output: str | None) -> None:
+    """Refuse an output, stated by an option, that a language of robot programs does not have."""
+    if output is None or export is None:
+        return
+    language = pp.motion.find_dialect(export)
+    if not re.fullmatch(language.signals, output):
+        raise InputError(f"{name} {output}: {export} has digital outputs with {language.signal_kind}")
+
+
 @dataclass(frozen=True)
 class OutputOptions:
     """Options for the files of the results."""
@@ -144,13 +153,7 @@ class OutputOptions:
         """Refuse an output that cannot be written, before the picks are checked; return whether it is a folder."""
         if self.gripper_output is not None and self.export is None:
             raise InputError("--gripper-output needs --export")
-        if self.gripper_output is not None and self.export is not None:
-            language = pp.motion.find_dialect(self.export)
-            if not re.fullmatch(language.signals, self.gripper_output):
-                raise InputError(
-                    f"--gripper-output {self.gripper_output}: {self.export} has digital outputs with "
-                    f"{language.signal_kind}"
-                )
+        check_signal("--gripper-output", self.export, self.gripper_output)
         if self.export_deviation is not None and self.export is None:
             raise InputError("--export-deviation needs --export")
         return self.output is not None and check_report_output(self.output, pp.picks.REPORT_SUFFIXES)

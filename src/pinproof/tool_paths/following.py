@@ -167,7 +167,7 @@ def follow(
         )
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
-    joints, axes, values = (), [], None
+    joints, axes, values = tuple[int, ...](), list[Array](), None
     with contextlib.suppress(NoClosedForm):
         joints, axes, values = redundant_axes(arm, redundant)
     grid = Grid(angles, np.array([np.eye(3), *leans]), values)

@@ -5,6 +5,7 @@ The strip states which rotations of the tool about its axis have a free configur
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Literal
@@ -55,7 +56,7 @@ class RotationStrip(Shown):
     places: Array = key("(k,) indices of poses of the path; a fraction between two poses", hidden=True)
     rotations: Array = key("(m,) rotations (rad) away from the poses of the path, in [-pi, pi)", hidden=True)
     cells: npt.NDArray[np.int64] = key(
-        "(k, m) 0 for a free configuration, 1 if all are in contact, 2 if all are outside the limits, 3 if out of reach",
+        "(k, m) 0 for a free configuration, 1 if all are in contact, 2 if all leave the limits, 3 if out of reach",
         hidden=True,
     )
     chosen: tuple[Array, ...] = key(
@@ -74,7 +75,7 @@ class RotationStrip(Shown):
         drawn = []
         for k, column in enumerate(self.cells.tolist()):
             ends = [0, *(j for j in range(1, len(column)) if column[j] != column[j - 1]), len(column)]
-            for first, last in zip(ends[:-1], ends[1:], strict=True):
+            for first, last in itertools.pairwise(ends):
                 drawn.append(
                     f'<rect x="{k * across:.1f}" y="{HEIGHT - last * up:.1f}" width="{across + 0.3:.1f}" '
                     f'height="{(last - first) * up:.1f}" fill="{CELLS[column[first]][1]}"/>'

@@ -52,7 +52,7 @@ from pinproof.motion import (
     find_dialect,
     make_program,
 )
-from pinproof.spatial import Array
+from pinproof.spatial import Array, twist_size
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.result import PathPiece
 
@@ -204,18 +204,20 @@ def export_motions(
     if certificate.free:
         program = write(certificate=certificate.hash, uncovered="; ".join(certificate.notes))
         certificate = certify_program(program, checker, process=(output,))
-    # The speeds that the text states on the paths, beside those that were wanted
+    # What the text rounds: the speeds on the paths, and the ends of the lines, by which their points are off
     moves = [step for step in steps if isinstance(step, JointMove | LinearMove)]
-    written = [
-        own.speed / was.speed
-        for own, was in zip(program.moves, moves, strict=True)
-        if isinstance(own, LinearMove) and isinstance(was, LinearMove) and was.duration is None
-        if own.speed and was.speed
-    ]
+    written, rounded = [1.0], [(0.0, 0.0)]
+    for own, was in zip(program.moves, moves, strict=True):
+        if isinstance(own, LinearMove) and isinstance(was, LinearMove) and was.pose is not None:
+            end = own.pose if own.q is None else arm.forward_kinematics(own.q)
+            rounded.append(twist_size(was.pose, end or was.pose))
+            if was.duration is None and own.speed and was.speed:
+                written.append(own.speed / was.speed)
+    apart, turned = np.max(rounded, axis=0).tolist()
     return ToolPathProgram(
-        program, certificate, allowed, max((each.deviation for each in lines), default=0.0),
-        max((each.rotation_deviation for each in lines), default=0.0),
-        min((each.share for each in lines), default=1.0) * min(written, default=1.0),
+        program, certificate, allowed, apart + max((each.deviation for each in lines), default=0.0),
+        2.0 * turned + max((each.rotation_deviation for each in lines), default=0.0),
+        min((each.share for each in lines), default=1.0) * min(written),
         sum(each.stops for each in lines),
     )  # fmt: skip
 
@@ -235,8 +237,8 @@ def require_language(arm: Arm, dialect: str) -> None:
         raise InputError(f"{dialect}: the process needs a digital output; use urscript, rapid, krl or fanuc")
     if external:
         raise InputError(
-            f"programs of tool paths move the six joints of the robot, but the arm also has {', '.join(external)}; hold "
-            "them with the key held"
+            f"programs of tool paths move the six joints of the robot, but the arm also has {', '.join(external)}; "
+            "hold them with the key held"
         )
     if reason := language.refuses(arm, external):
         raise InputError(reason)
@@ -272,7 +274,10 @@ def _along(
     tool = arm.forward_kinematics_batch(q)
     # The path between the rungs, for comparison
     fine = path.at(np.interp(np.arange((len(at) - 1) * FINE + 1) / FINE, np.arange(len(at)), at))
-    off = np.linalg.norm(tool[:, :3, 3] - fine[::FINE, :3, 3], axis=1).max(), _angles(tool, fine[::FINE], free=free).max()
+    off = (
+        np.linalg.norm(tool[:, :3, 3] - fine[::FINE, :3, 3], axis=1).max(),
+        _angles(tool, fine[::FINE], free=free).max(),
+    )
     lines = [max(share * limit, 1.001 * own) for limit, own in zip(allowed, off, strict=True)]
     if path.speed is not None and len(path.speed):
         speed = path.speed[np.clip(np.floor(0.5 * (at[1:] + at[:-1])).astype(int), 0, len(path.speed) - 1)]

@@ -276,8 +276,8 @@ def follow_job(
             break
         pieces = iter(own.plan.pieces)
         for name, trajectory in own.plan.motions:
-            on = {"path": own.plan.path, "piece": next(pieces)} if name == "path" else {}
-            motions.append(ProgramMotion(name, trajectory, process=own.stroke.process, **on))
+            on, piece = (own.plan.path, next(pieces)) if name == "path" else (None, None)
+            motions.append(ProgramMotion(name, trajectory, on, piece, own.stroke.process))
         here, left = own.plan.trajectory.end, reached
     parts = [own.trajectory for own in motions]
     trajectory = Trajectory.join(*parts) if parts else made[0].plan.trajectory

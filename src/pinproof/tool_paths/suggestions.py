@@ -9,8 +9,10 @@ followed is limited, not the time.
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -33,6 +35,8 @@ ROTATIONS = (5, 10, 15, 20, 30, 45, 60, 90, 120, 150, 180)
 DISTANCES = (10, 20, 50, 100, 150, 200, 300, 400)
 # Shares of the length of an approach and a departure, and millimetres to which the shorter lengths are rounded.
 SHORTER = (0.75, 0.5, 0.25)
+# Factors of the share of the speed that the tool keeps, to which its speed is reduced.
+SLOWER = (0.9, 0.5, 0.25)
 AXES = "xyz"
 # Numbers of poses and of rotations of the tool at which a candidate is screened.
 SCREENED, SCREENED_ROTATIONS = 24, 12
@@ -133,41 +137,35 @@ def _may_pass(case: Case, places: Sequence[float]) -> bool:
 
 def _kinds(case: Case, plan: FollowPlan, part: tuple[str, ...]) -> Iterator[list[Change]]:
     """The candidates of each kind, in the order of their sizes."""
-    settings = case.settings
+    settings, everything = case.settings, case.checker.scene.names
     if plan.status is FollowStatus.TOO_SLOW and case.path.speed is not None:
         share = min(piece.speed_share for piece in plan.pieces)
+        percents = [percent for factor in SLOWER if (percent := math.floor(100.0 * factor * share))]
         yield [
-            Change(
-                f"reduce the speed of the tool to {percent} %", 100.0 - percent,
-                lambda own, to=percent / 100.0: own._replace(path=replace(own.path, speed=to * own.path.speed)),
-            )
-            for percent in (math.floor(100.0 * share), math.floor(90.0 * share), math.floor(70.0 * share)) if percent
-        ]  # fmt: skip
+            Change(f"reduce the speed of the tool to {to} %", 100.0 - to, partial(_slower, to=to / 100.0))
+            for to in percents
+        ]
         return
-    for name in ("approach", "departure"):
-        length = settings.get(name) or 0.0
-        beyond = (lambda at: at < 0.0) if name == "approach" else (lambda at: at > len(case.path) - 1)
-        if length and any(beyond(each.pose) or beyond(each.last) for each in plan.blocked):
-            shorter = [math.floor(1e3 * share * length) for share in SHORTER]
+    # Shorter lines, where they are blocked, and a free rotation
+    for name, beyond in (("approach", operator.lt), ("departure", operator.gt)):
+        length, end = settings.get(name) or 0.0, 0.0 if name == "approach" else len(case.path) - 1.0
+        if length and any(beyond(each.pose, end) or beyond(each.last, end) for each in plan.blocked):
             yield [
                 Change(
                     f"shorten the {name} from {1e3 * length:g} mm to {after} mm", 1e3 * length - after,
-                    lambda own, to=after / 1e3, which=name: own._replace(settings={**own.settings, which: to}),
+                    partial(_with, changed={name: after / 1e3}),
                 )
-                for after in shorter
+                for after in (math.floor(1e3 * share * length) for share in SHORTER)
             ]  # fmt: skip
     if settings.get("free_rotation", True) is not True:
         text = "let the tool rotate freely about its axis (free_rotation)"
-        yield [Change(text, 1.0, lambda own: own._replace(settings={**own.settings, "free_rotation": True}))]
-    tilts = (("about the x axis of the tool", 0), ("about the y axis of the tool", 1))
+        yield [Change(text, 1.0, partial(_with, changed={"free_rotation": True}))]
     yield [
         Change(
-            f"tilt the tool by {sign * size:+d} deg {words}", float(size),
-            lambda own, turn=_turn(axis, sign * size): own._replace(
-                path=replace(own.path, poses=own.path.poses @ turn.homogeneous)
-            ),
+            f"tilt the tool by {sign * size:+d} deg about the {AXES[axis]} axis of its poses", float(size),
+            partial(_tilted, turn=_turn(axis, sign * size)),
         )
-        for size, (words, axis), sign in product(TILTS, tilts, (1, -1))
+        for size, axis, sign in product(TILTS, (0, 1), (1, -1))
     ]  # fmt: skip
     # The part rotates about the vertical through the middle of the path
     ends = case.path.poses[:, :3, 3]
@@ -176,25 +174,31 @@ def _kinds(case: Case, plan: FollowPlan, part: tuple[str, ...]) -> Iterator[list
     yield [
         Change(
             f"rotate {what} by {sign * size:+d} deg about the vertical", float(size),
-            lambda own, turn=middle * _turn(2, sign * size) * middle.inverse(): _part_moved(own, turn, part),
+            partial(_part_moved, motion=middle * _turn(2, sign * size) * middle.inverse(), names=part),
         )
         for size, sign in product(ROTATIONS, (1, -1)) if sign * size != -180
     ]  # fmt: skip
-    shifts = list(product(DISTANCES, range(3), (1, -1)))
-    yield [
-        Change(
-            f"move {what} by {size} mm along {'+' if sign > 0 else '-'}{AXES[axis]} (base frame)", float(size),
-            lambda own, by=pose(1e-3 * sign * size * np.eye(3)[axis]): _part_moved(own, by, part),
-        )
-        for size, axis, sign in shifts
-    ]  # fmt: skip
-    yield [
-        Change(
-            f"move the base by {size} mm along {'+' if sign > 0 else '-'}{AXES[axis]}", float(size),
-            lambda own, by=pose(-1e-3 * sign * size * np.eye(3)[axis]): _part_moved(own, by, own.checker.scene.names),
-        )
-        for size, axis, sign in shifts
-    ]  # fmt: skip
+    for text, names, way in ((f"move {what}", part, 1.0), ("move the base", everything, -1.0)):
+        yield [
+            Change(
+                f"{text} by {size} mm along {'+' if sign > 0 else '-'}{AXES[axis]} (base frame)", float(size),
+                partial(_part_moved, motion=pose(1e-3 * way * sign * size * np.eye(3)[axis]), names=names),
+            )
+            for size, axis, sign in product(DISTANCES, range(3), (1, -1))
+        ]  # fmt: skip
+
+
+def _slower(case: Case, to: float) -> Case:
+    speed = None if case.path.speed is None else to * case.path.speed
+    return case._replace(path=replace(case.path, speed=speed))
+
+
+def _with(case: Case, changed: dict[str, Any]) -> Case:
+    return case._replace(settings={**case.settings, **changed})
+
+
+def _tilted(case: Case, turn: SE3) -> Case:
+    return case._replace(path=replace(case.path, poses=case.path.poses @ turn.homogeneous))
 
 
 def _turn(axis: int, degrees: float) -> SE3:

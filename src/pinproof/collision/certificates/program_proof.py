@@ -388,9 +388,7 @@ def certify_program(
     # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.
     overlapping = tuple(overlaps(program, checker.arm, traces))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
-    outputs = tuple(
-        step.line for step in program.steps if isinstance(step, SetOutput) and step.output not in process
-    )
+    outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput) and step.output not in process)
     untraced += tuple(unknown_speeds(program, checker.arm))
     untraced += (fault,) if (fault := tool_fault(program, checker.arm)) else ()
     return ProgramCertificate(tuple(parts), tuple(notes), overlapping, outside, untraced, outputs)

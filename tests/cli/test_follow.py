@@ -1,0 +1,133 @@
+"""``pinproof follow``: exit codes, reports, motions and programs, and a clear answer for paths that are special."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import pinproof as pp
+from pinproof.motion import RobotProgram
+
+from .conftest import Cli
+
+LINE = [[0.45, -0.1, 0.25], [0.45, 0.1, 0.25]]
+UP = [0, 0, 1]
+
+
+def job(name: str = "job.json", *, strokes: Any = None, points: Any = LINE, normals: Any = UP, **keys: Any) -> str:
+    """The name of a file of tool paths in the present folder."""
+    stroke = {"name": "seam", "points": points, "normals": normals}
+    stated = {"robot": "ur5", "speed": 0.1, **keys, "strokes": [stroke] if strokes is None else strokes}
+    Path(name).write_text(json.dumps(stated))
+    return name
+
+
+def test_a_path_that_is_followed_is_0_with_all_files(run: Cli) -> None:
+    out = run.prints("follow", job(approach=0.05), "-o", "out", "--export", "rapid")
+    assert "seam: FOUND" in out
+    assert "rapid: FREE" in out
+    names = {path.name for path in Path("out").iterdir()}
+    assert names == {
+        "job.json",
+        "job.proof.json",
+        "job.mod",
+        *(f"report{kind}" for kind in (".json", ".md", ".csv", ".html")),
+    }
+    assert pp.verify_proof("out/job.proof.json").ok
+    assert len(RobotProgram.load("out/job.mod").moves) >= 4
+    # The motion is certified again by the other command
+    assert run.json("certify", "ur5", "out/job.json")["status"] == "FREE"
+
+
+def test_the_answer_in_json_is_the_report(run: Cli) -> None:
+    data = run.json("follow", job(), "-o", "report.json", "--save", "motion.json", "--html", "page.html")
+    assert data == json.loads(Path("report.json").read_text())
+    assert data["ok"]
+    assert data["strokes"][0]["status"] == "FOUND"
+    assert Path("motion.proof.json").is_file()
+    page = Path("page.html").read_text(encoding="utf-8")
+    assert 'id="strips"' in page
+    assert "clearance [mm]" in page
+    assert (
+        "tool [mm/s]"
+        in (run.prints("follow", job(), "-o", "p.html", "--colour", "speed"), Path("p.html").read_text())[1]
+    )
+
+
+def test_a_path_that_is_not_followed_is_1_with_the_reason_and_suggestions(run: Cli) -> None:
+    far = job(points=[[0.7, -0.05, 0.3], [1.0, -0.05, 0.3]])
+    out = run.prints("follow", far, "--save", "motion.json", code=1)
+    assert "BLOCKED" in out
+    assert "out of reach" in out
+    assert "suggestion: move the base by 150 mm along +x" in out
+    assert not Path("motion.json").exists()
+    # The suggestion holds when it is applied to the command
+    assert "FOUND" in run.prints("follow", far, "--place", "0.15 0 0")
+    assert "suggestion" not in run.prints("follow", far, "--suggestions", "0", code=1)
+
+
+def test_a_robot_and_its_calibration_replace_those_of_the_file(run: Cli) -> None:
+    assert run.json("follow", job(), "--robot", "ur10")["robot"] == "ur10"
+    Path("kinematics.csv").write_text("joint,dtheta,dd,da,dalpha\n")
+    run.refuses("follow", job(), "--calibration", "kinematics.csv", named="kinematics.csv")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("jobb.json",), ("jobb.json", "job.json")),
+        (("job.json", "--export", "rapd", "-o", "out"), ("rapd", "rapid")),
+        (("job.json", "--export", "rapid"), ("-o FOLDER",)),
+        (("job.json", "--process-output", "2"), ("--export",)),
+        (("job.json", "-o", "report.txt"), (".txt", ".csv")),
+        (("job.json", "--colour", "depth"), ("depth", "clearance")),
+        (("job.json", "--export", "rapid", "--process-output", "2x!", "-o", "out"), ("--process-output", "names")),
+        (("job.json", "--robot", "panda", "--export", "urscript", "-o", "out"), ("7",)),
+        (("job.json", "--save", "job.json"), ("is also an input",)),
+        (("job.json", "--liftz", "1"), ("--liftz",)),
+    ],
+)
+def test_mistakes_in_options_end_in_one_error(run: Cli, words: tuple[str, ...], named: tuple[str, ...]) -> None:
+    job()
+    run.refuses("follow", *words, named=named)
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("keys", "named"),
+    [
+        ({"points": [[0.4, 0, float("nan")], [0.4, 0.1, 0.2]]}, "number"),
+        ({"points": [[400, 0, 200], [400, 100, 200]]}, "400 mm = 0.4 m"),
+        ({"normals": [0, 0, 0]}, "length 0"),
+        ({"speed": 100}, "mm/s"),
+        ({"strokes": []}, "strokes"),
+        ({"points": []}, "points"),
+        ({"frame": "prt"}, "prt"),
+        ({"tiltz": 3}, "tiltz"),
+        ({"deviation": 1e-9}, "deviation"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_stated_in_one_line(run: Cli, keys: dict[str, Any], named: str) -> None:
+    file = job(**keys)
+    Path(file).write_text(Path(file).read_text().replace("NaN", '".nan"'))
+    run.refuses("follow", file, named=named)
+
+
+def test_special_paths_get_a_clear_answer(run: Cli) -> None:
+    # One pose, repeated poses, and a closed path
+    assert run.json("follow", job(points=LINE[:1]))["strokes"][0]["poses"] == 1
+    repeated = run.json("follow", job(points=[LINE[0], LINE[0], LINE[1]]))
+    assert any("repeat" in note for note in repeated["notes"])
+    square = [[0.4, -0.1, 0.25], [0.5, -0.1, 0.25], [0.5, 0.1, 0.25], [0.4, 0.1, 0.25], [0.4, -0.1, 0.25]]
+    assert run.json("follow", job(points=square))["ok"]
+    # Through the axis of the base, and through a singular configuration of the wrist
+    through = run.json("follow", job(points=[[-0.3, 0, 0.4], [0.3, 0, 0.4]]), "--suggestions", "0", code=1)
+    assert through["strokes"][0]["status"] in ("BLOCKED", "LIFTS_NEEDED")
+    assert through["strokes"][0]["message"]
+    crossing = {"points": [[0.5, -0.1, 0.4], [0.5, 0.1, 0.4]], "normals": [-1, 0, 0], "free_rotation": False}
+    code, out, _ = run("follow", job(**crossing), "--suggestions", "0")
+    assert code in (0, 1)
+    assert "FOUND" in out or "singular" in out or "jump" in out or "contact" in out

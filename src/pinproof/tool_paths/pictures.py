@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,30 +19,44 @@ from pinproof.common.results import Html, Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.ik import IkTask
+from pinproof.motion import Trajectory
 from pinproof.spatial import Array
 from pinproof.tool_paths.path import ToolPath
-from pinproof.tool_paths.reasons import obstruction
-from pinproof.tool_paths.result import Obstruction
 from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill, redundant_axes
 
 if TYPE_CHECKING:
-    from pinproof.tool_paths.result import FollowPlan
     from pinproof.viewer import ColouredPoints
 
 # What a cell of the strip states, by its code, with its colour in pages.
 CELLS: tuple[tuple[str, str], ...] = (
     ("free", "#bfe3cf"),
-    (Obstruction.CONTACT.value, "#e7b1b3"),
-    (Obstruction.LIMIT.value, "#f3d9ad"),
-    (Obstruction.OUT_OF_REACH.value, "#c9d1d9"),
+    ("every configuration is in contact", "#e7b1b3"),
+    ("only outside the joint limits", "#f3d9ad"),
+    ("out of reach", theme.COLOURS["line"]),
 )
-CODES = {Obstruction.CONTACT: 1, Obstruction.LIMIT: 2, Obstruction.OUT_OF_REACH: 3}
 # Size of the picture in SVG units.
 WIDTH, HEIGHT = 720.0, 150.0
 # Number of points of a path in colours, and their diameter (m) and the clearance (mm) at the end of the scale.
 POINTS, SIZE, WIDE = 240, 0.012, 50.0
 # Values of the redundant joint of an arm of seven joints at which a cell is checked.
 REDUNDANT = 12
+
+
+class PicturedPlan(Protocol):
+    """What is drawn of a plan, as of :class:`pinproof.tool_paths.FollowPlan`."""
+
+    @property
+    def ok(self) -> bool: ...
+    @property
+    def path(self) -> ToolPath: ...
+    @property
+    def checker(self) -> CollisionChecker: ...
+    @property
+    def pieces(self) -> tuple[Any, ...]: ...
+    @property
+    def blocked(self) -> tuple[Any, ...]: ...
+    @property
+    def motions(self) -> tuple[tuple[str, Trajectory], ...]: ...
 
 
 @described(eq=False)
@@ -107,7 +121,12 @@ class RotationStrip(Shown):
 
 
 def rotation_strip(
-    checker: CollisionChecker, path: ToolPath, plan: FollowPlan | None = None, *, rotations: int = 72, places: int = 120
+    checker: CollisionChecker,
+    path: ToolPath,
+    plan: PicturedPlan | None = None,
+    *,
+    rotations: int = 72,
+    places: int = 120,
 ) -> RotationStrip:
     """Which rotations of the tool about its axis are free over a path, with the one that a plan has chosen.
 
@@ -143,7 +162,7 @@ def rotation_strip(
     rungs = [Rung(0, 0.0, pose @ turn, where) for where, pose in zip(at.tolist(), poses, strict=True) for turn in turns]
     alone = Grid(np.zeros(1), np.eye(3)[None], redundant_axes(checker.arm, REDUNDANT)[2])
     fill(rungs, checker, alone, IkTask(), FollowCosts(), 0)
-    codes = [0 if len(rung.rates) else CODES[obstruction(rung)] for rung in rungs]
+    codes = [0 if len(rung.rates) else 1 if len(rung.q) else 2 if rung.outside else 3 for rung in rungs]
     # The rotation of the motion
     chosen = []
     for piece in () if plan is None else plan.pieces:
@@ -179,7 +198,7 @@ def strip_panel(strips: Mapping[str, RotationStrip], names: Mapping[str, tuple[s
     )
 
 
-def coloured_path(plans: Sequence[FollowPlan], by: Literal["clearance", "speed"] = "clearance") -> ColouredPoints:
+def coloured_path(plans: Sequence[PicturedPlan], by: Literal["clearance", "speed"] = "clearance") -> ColouredPoints:
     """The points of paths, coloured by the clearance of the arm or the speed of the tool on them.
 
     Paths without a motion are green where they can be followed, and red where they cannot be passed.

@@ -15,7 +15,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from pinproof.collision import (
     COVERED,
@@ -52,7 +51,7 @@ from pinproof.motion import (
     find_dialect,
     make_program,
 )
-from pinproof.spatial import Array, twist_size
+from pinproof.spatial import SE3, Array, interpolate, log6, twist_size
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.result import PathPiece
 
@@ -312,7 +311,7 @@ def _along(
     made, shares = list[LinearMove](), list[float]()
     paths, extra = list[JointPath](), list[float]()
     for a, b in pairwise(chosen):
-        end = pin.SE3(tool[b, :3, :3], tool[b, :3, 3])
+        end = SE3(tool[b])
         trace = trace_line(arm, q[a], end)
         line = JointPath(q[[a, b]], arm.joint_names) if trace.reason else trace.path
         paths.append(line)
@@ -371,7 +370,8 @@ def _off_line(path: Array, first: Array, last: Array, *, free: bool) -> tuple[fl
     line is between those of two frames; the distance is then the largest at a frame or at an end. Between frames, the
     angle grows by at most half of the two rotations.
     """
-    step, turn = last[:3, 3] - first[:3, 3], pin.log3(first[:3, :3].T @ last[:3, :3])
+    ends = SE3(first), SE3(last)
+    step, turn = last[:3, 3] - first[:3, 3], log6(SE3(first[:3, :3].T @ last[:3, :3], np.zeros(3)))[3:]
     length = float(np.linalg.norm(step))
     if length > ROTATING:
         share = (path[:, :3, 3] - first[:3, 3]) @ step / length**2
@@ -381,17 +381,16 @@ def _off_line(path: Array, first: Array, last: Array, *, free: bool) -> tuple[fl
     if len(path) < 2 or (np.diff(share) < -1e-9).any():
         return (0.0, 0.0) if len(path) < 2 else (math.inf, math.inf)
     share = np.clip(share, 0.0, 1.0)
-    line = np.tile(np.eye(4), (len(path), 1, 1))
-    line[:, :3, 3] = first[:3, 3] + share[:, None] * step
-    line[:, :3, :3] = [first[:3, :3] @ pin.exp3(each * turn) for each in share]
+    line = np.array([interpolate(*ends, each).homogeneous for each in share.tolist()])
     rate = float(np.linalg.norm(turn[:2] if free else turn))
     between = 0.5 * float((_angles(path[1:], path[:-1], free=free) + rate * np.diff(share)).max())
-    ends = np.concatenate([[first, last], path[[0, -1]]]).reshape(2, 2, 4, 4)
-    apart = np.concatenate([path[:, :3, 3] - line[:, :3, 3], ends[0, :, :3, 3] - ends[1, :, :3, 3]])
+    # The ends of the line, and those of the path, belong to each other
+    line, path = np.concatenate([line, [first, last]]), np.concatenate([path, path[[0, -1]]])
+    apart = path[:, :3, 3] - line[:, :3, 3]
     other = 0.0 if np.linalg.norm(turn[:2]) < 1e-9 else interpolation_difference(turn)
     return (
         float(np.linalg.norm(apart, axis=1).max()),
-        max(float(_angles(path, line, free=free).max()), float(_angles(*ends, free=free).max())) + between + other,
+        float(_angles(path, line, free=free).max()) + between + other,
     )
 
 

@@ -100,7 +100,7 @@ def test_mistakes_in_options_end_in_one_error(run: Cli, words: tuple[str, ...], 
     ("keys", "named"),
     [
         ({"points": [[0.4, 0, float("nan")], [0.4, 0.1, 0.2]]}, "number"),
-        ({"points": [[400, 0, 200], [400, 100, 200]]}, "400 mm = 0.4 m"),
+        ({"points": [[4, 0, 0.2], [400, 0.1, 0.2]], "unit": "m"}, "unit"),
         ({"normals": [0, 0, 0]}, "length 0"),
         ({"speed": 100}, "mm/s"),
         ({"strokes": []}, "strokes"),
@@ -121,6 +121,10 @@ def test_special_paths_get_a_clear_answer(run: Cli) -> None:
     assert run.json("follow", job(points=LINE[:1]))["strokes"][0]["poses"] == 1
     repeated = run.json("follow", job(points=[LINE[0], LINE[0], LINE[1]]))
     assert any("repeat" in note for note in repeated["notes"])
+    # Millimetres are recognised, which a note states
+    large = run.json("follow", job(points=[[450, -100, 250], [450, 100, 250]]))
+    assert large["ok"]
+    assert any("millimetres" in note for note in large["notes"])
     square = [[0.4, -0.1, 0.25], [0.5, -0.1, 0.25], [0.5, 0.1, 0.25], [0.4, 0.1, 0.25], [0.4, -0.1, 0.25]]
     assert run.json("follow", job(points=square))["ok"]
     # Through the axis of the base, and through a singular configuration of the wrist

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -13,7 +12,7 @@ from pinproof.cli.console import (
     check_report_output,
     print_note,
     print_result,
-    progress_bar,
+    progress_status,
     written,
 )
 from pinproof.cli.options import Html, Json, Seed, argument, option, placement
@@ -103,10 +102,8 @@ def follow(
     checker = job.load_checker(arm, job.load_scene().transformed(root_from_world))
     for contact in checker.fixed_contacts:
         print_note(f"every configuration is in collision: {contact}")
-    with progress_bar(f"following {file}") as show:
-        report = pp.tool_paths.follow_job(
-            job, checker=checker, suggestions=suggestions, rng=seed, colour=out.colour, progress=partial(show)
-        )
+    with progress_status(f"following {file}"):
+        report = pp.tool_paths.follow_job(job, checker=checker, suggestions=suggestions, rng=seed, colour=out.colour)
     # The files before the answer, which names them; a motion that is not proven is no motion
     files = list[Path]()
     program = None

@@ -21,6 +21,18 @@ from pinproof.tool_paths.geometry import (
     raster as raster,
 )
 from pinproof.tool_paths.path_files import PathPoints as PathPoints
+from pinproof.tool_paths.pictures import RotationStrip as RotationStrip, rotation_strip as rotation_strip
+from pinproof.tool_paths.program import (
+    ProgramMotion as ProgramMotion,
+    ToolPathProgram as ToolPathProgram,
+    export_motions as export_motions,
+    require_language as require_language,
+)
+from pinproof.tool_paths.report import (
+    FollowReport as FollowReport,
+    StrokeReport as StrokeReport,
+    follow_job as follow_job,
+)
 from pinproof.tool_paths.result import (
     BlockedPose as BlockedPose,
     FollowPlan as FollowPlan,
@@ -30,5 +42,6 @@ from pinproof.tool_paths.result import (
 )
 from pinproof.tool_paths.rungs import COSTS as COSTS, FollowCosts as FollowCosts
 from pinproof.tool_paths.strokes import Stroke as Stroke
+from pinproof.tool_paths.suggestions import PathSuggestion as PathSuggestion, suggest_changes as suggest_changes
 
 __all__ = faces.exported(globals())

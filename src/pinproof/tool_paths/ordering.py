@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
@@ -18,6 +19,7 @@ from pinproof.errors import InputError
 from pinproof.motion import Bounds, Trajectory, least_times
 from pinproof.planning import MotionPlan, PlannedMotion, plan
 from pinproof.tool_paths.following import follow
+from pinproof.tool_paths.pictures import pictured
 from pinproof.tool_paths.result import FollowPlan, FollowStatus
 from pinproof.tool_paths.strokes import Stroke
 
@@ -32,7 +34,7 @@ class FollowedStroke:
     stroke: Stroke = key("the stroke as it is followed: from its start point, in its direction")
     start: int = key("the index of its first pose in the stroke as given; not 0 only if that is closed")
     reverse: bool = key("whether it is followed from its end to its start")
-    begin: float = key("when its motion begins, with the approach", "s")
+    begin: float = key("when its motion begins, with the approach; NaN if another stroke cannot be followed", "s")
     plan: FollowPlan = key("its motion")
 
 
@@ -44,7 +46,9 @@ class StrokesPlan(PlannedMotion):
 
     status: FollowStatus = key("FOUND if there is a motion that is proven, else the reason")
     message: str = key("the outcome as text")
-    steps: tuple[FollowedStroke, ...] = key("the strokes in the order in which they are followed", default=())
+    steps: tuple[FollowedStroke, ...] = key(
+        "the strokes in the order in which they are followed, or those that can be followed", default=()
+    )
     transits: tuple[MotionPlan, ...] = key("the motions between them, and from and to home if it is stated", default=())
     failed: tuple[tuple[str, FollowPlan], ...] = key(
         "the strokes that cannot be followed by any start point and direction, with the reasons", default=()
@@ -77,11 +81,8 @@ class StrokesPlan(PlannedMotion):
         return found | {"bound": self.bound, "variants": self.variants}
 
     def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
-        checker, place = self.checker, self.checker.arm.root_from_base.homogeneous
-        if not self.ok:
-            return self.failed[0][1]._pictured() if self.failed else (None, {"attached": checker.attached})
-        frames = {own.stroke.name: place @ own.stroke.path.poses[0] for own in self.steps}
-        return self.trajectory, {"attached": checker.attached, "frames": frames, "certificate": self.certificate}
+        content = pictured({**dict(self.failed), **{own.stroke.name: own.plan for own in self.steps}})
+        return (self.trajectory, {**content, "certificate": self.certificate}) if self.ok else (None, content)
 
     def _view(self) -> View:
         rows = [
@@ -163,6 +164,11 @@ def follow_all(
     figures: dict[str, Any] = {"checker": checker, "variants": len(choices), "failed": tuple(failed)}
     if failed:
         name, reason = failed[0]
+        passable = {job: (variant, start, reverse, made) for job, variant, start, reverse, made in reversed(choices)}
+        figures["steps"] = tuple(
+            FollowedStroke(variant, start, reverse, math.nan, made)
+            for _, (variant, start, reverse, made) in sorted(passable.items())
+        )
         more = f"; and {len(failed) - 1} more strokes" if len(failed) > 1 else ""
         return StrokesPlan(reason.status, f"stroke {name!r}: {reason.message}{more}", **figures)
     # The order by lower bounds, which certified times replace until the best order has none of them left
@@ -216,7 +222,7 @@ def follow_all(
     if not certificate.free:
         return StrokesPlan(FollowStatus.NOT_PROVEN, certificate.message, certificate=certificate, **figures)
     order = ", ".join(f"{step.stroke.name}{' backwards' if step.reverse else ''}" for step in steps)
-    message = f"follows {len(steps)} strokes in {whole.duration:.2f} s: {order}; {certificate.message}"
+    message = f"follows {len(steps)} stroke{'s' if len(steps) > 1 else ''} in {whole.duration:.2f} s: {order}; {certificate.message}"
     return StrokesPlan(FollowStatus.FOUND, message, trajectory=whole, certificate=certificate, **figures)
 
 

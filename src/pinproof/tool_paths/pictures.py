@@ -5,6 +5,7 @@ The strip states which rotations of the tool about its axis have a free configur
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -18,6 +19,7 @@ from pinproof.common import theme
 from pinproof.common.results import Html, Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
+from pinproof.errors import NoClosedForm
 from pinproof.ik import IkTask
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array
@@ -38,6 +40,8 @@ CELLS: tuple[tuple[str, str], ...] = (
 WIDTH, HEIGHT = 720.0, 150.0
 # Number of points of a path in colours, and their diameter (m) and the clearance (mm) at the end of the scale.
 POINTS, SIZE, WIDE = 240, 0.012, 50.0
+# Largest number of strips on a page.
+STRIPS = 12
 # Values of the redundant joint of an arm of seven joints at which a cell is checked.
 REDUNDANT = 12
 
@@ -45,18 +49,31 @@ REDUNDANT = 12
 class PicturedPlan(Protocol):
     """What is drawn of a plan, as of :class:`pinproof.tool_paths.FollowPlan`."""
 
-    @property
-    def ok(self) -> bool: ...
-    @property
-    def path(self) -> ToolPath: ...
-    @property
-    def checker(self) -> CollisionChecker: ...
-    @property
-    def pieces(self) -> tuple[Any, ...]: ...
-    @property
-    def blocked(self) -> tuple[Any, ...]: ...
-    @property
-    def motions(self) -> tuple[tuple[str, Trajectory], ...]: ...
+    if TYPE_CHECKING:  # read-only
+
+        @property
+        def ok(self) -> bool:
+            """Whether there is a motion."""
+
+        @property
+        def path(self) -> ToolPath:
+            """The path."""
+
+        @property
+        def checker(self) -> CollisionChecker:
+            """The arm in its scene."""
+
+        @property
+        def pieces(self) -> tuple[Any, ...]:
+            """The parts that are followed without lifting the tool."""
+
+        @property
+        def blocked(self) -> tuple[Any, ...]:
+            """The poses that cannot be passed."""
+
+        @property
+        def motions(self) -> tuple[tuple[str, Trajectory], ...]:
+            """The parts of the motion by name."""
 
 
 @described(eq=False)
@@ -173,12 +190,24 @@ def rotation_strip(
     return RotationStrip(at, angles, np.array(codes, dtype=np.int64).reshape(len(at), -1), tuple(chosen))
 
 
-def strip_panel(strips: Mapping[str, RotationStrip], names: Mapping[str, tuple[str, ...]]) -> str:
+def pictured(plans: Mapping[str, PicturedPlan], by: Literal["clearance", "speed"] = "clearance") -> dict[str, Any]:
+    """The content of a page with plans by the names of their paths: coloured points, strips, and a reason if one fails.
+
+    The arguments are those of :func:`pinproof.write_html`.
+    """
+    first = next(iter(plans.values()))
+    shown: dict[str, Any] = {"attached": first.checker.attached, "points": coloured_path([*plans.values()], by)}
+    with contextlib.suppress(NoClosedForm):
+        strips = {name: rotation_strip(own.checker, own.path, own) for name, own in [*plans.items()][:STRIPS]}
+        shown |= {"panel": _strip_panel(strips, {name: plans[name].path.names for name in strips})}
+    q = next((each.q for own in plans.values() for each in own.blocked if each.q is not None), None)
+    return shown if q is None else {**shown, "q": q, "check": first.checker.check(q)}
+
+
+def _strip_panel(strips: Mapping[str, RotationStrip], names: Mapping[str, tuple[str, ...]]) -> str:
     """The panel of a page with strips by the names of their paths; ``names`` are those of the poses of each path."""
     from pinproof.viewer import legend
 
-    if not strips:
-        return ""
     half = "".join(
         f'<span class="tick" style="top:{top}%">{degrees}&deg;</span>'
         for top, degrees in ((6, "180"), (50, "0"), (94, "&minus;180"))

@@ -1,38 +1,30 @@
-"""Jobs: all strokes of a file followed one after another, with the motions between them, and the report on them."""
+"""The report on a job of tool paths: its strokes with reasons and suggestions, its motion, its page and its program."""
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, certify, proven_millimetres
+from pinproof.collision import CollisionChecker, proven_millimetres
 from pinproof.common.files import csv_text
-from pinproof.common.results import Rows, Saved, Solution, View
+from pinproof.common.results import Rows, Saved, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
-from pinproof.errors import NoClosedForm
 from pinproof.model import guess_note
-from pinproof.motion import Trajectory
 from pinproof.picks import controller_tool
-from pinproof.planning import PlannedMotion, plan
-from pinproof.spatial import Array
 from pinproof.tool_paths.files import ToolJob
-from pinproof.tool_paths.following import TRANSIT, follow
-from pinproof.tool_paths.pictures import coloured_path, rotation_strip, strip_panel
+from pinproof.tool_paths.following import TRANSIT
+from pinproof.tool_paths.ordering import StrokesPlan, follow_all
+from pinproof.tool_paths.pictures import pictured
 from pinproof.tool_paths.program import ProgramMotion, ToolPathProgram, export_motions
 from pinproof.tool_paths.result import FollowPlan
 from pinproof.tool_paths.strokes import Stroke
 from pinproof.tool_paths.suggestions import PathSuggestion, suggest_changes
-from pinproof.work import Progress
 
-# Largest number of strips on a page.
-STRIPS = 12
 COLUMNS = ("stroke", "result", "duration", "clearance", "deviation", "speed", "reason", "suggestions")
 CSV_COLUMNS = (
     "stroke", "status", "poses", "length", "duration", "clearance_proven", "deviation", "rotation_deviation",
@@ -56,49 +48,13 @@ class StrokeReport:
 
 
 @described(eq=False)
-class WholeMotion(PlannedMotion):
-    """The motion of a job over all its strokes, with one certificate, or why there is none."""
-
-    not_pickled = ("checker",)
-
-    message: str = key("the outcome as text")
-    checker: CollisionChecker = key("the checker of the certificate")
-    strokes: tuple[StrokeReport, ...] = key("the strokes")
-    motions: tuple[ProgramMotion, ...] = key("the parts of the motion in order", default=(), hidden=True)
-    trajectory: Solution[Trajectory] = key("the motion, if every stroke has one", default=Solution())
-    certificate: Solution[Certificate] = key("its certificate", default=Solution())
-    title: str = key("title of the page", default="")
-    colour: Literal["clearance", "speed"] = key("what the colours of the paths show", default="clearance")
-
-    @property
-    def ok(self) -> bool:
-        """Whether there is a motion that is proven."""
-        certificate = vars(self)["certificate"]
-        return certificate is not None and bool(certificate.free)
-
-    def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
-        plans = [own.plan for own in self.strokes]
-        shown: dict[str, Any] = {"attached": self.checker.attached, "points": coloured_path(plans, self.colour)}
-        shown |= {"title": self.title}
-        with contextlib.suppress(NoClosedForm):
-            some = self.strokes[:STRIPS]
-            strips = {own.stroke.name: rotation_strip(self.checker, own.plan.path, own.plan) for own in some}
-            names = {own.stroke.name: own.plan.path.names for own in some}
-            shown |= {"panel": strip_panel(strips, names)}
-        if self.ok:
-            return self.trajectory, shown | {"certificate": self.certificate}
-        # The first configuration that shows a reason
-        q = next((each.q for plan_ in plans for each in plan_.blocked if each.q is not None), None)
-        return None, shown if q is None else {**shown, "q": q, "check": self.checker.check(q)}
-
-
-@described(eq=False)
 class FollowReport(Saved):
     """The report on a job of tool paths; result of :func:`follow_job`."""
 
     job: ToolJob = key("the job", hidden=True)
     strokes: tuple[StrokeReport, ...] = key("the strokes in the order in which they are followed")
-    motion: WholeMotion = key("the motion over all strokes, or why there is none", hidden=True)
+    motion: StrokesPlan = key("the motion over all strokes, or why there is none", hidden=True)
+    colour: Literal["clearance", "speed"] = key("what the colours of the paths on the page show", default="clearance")
 
     formats = (".json", ".md", ".csv", ".html")
     indent = 2
@@ -179,15 +135,35 @@ class FollowReport(Saved):
         """
         self.motion.or_raise()
         job, settings = self.job, self.job.settings
+        # The motions of the strokes, with the transits before, between and after them
+        transits = iter(self.motion.transits)
+        motions = list[ProgramMotion]()
+        for number, own in enumerate(self.strokes):
+            if number or job.settings.home:
+                motions.append(ProgramMotion(TRANSIT, next(transits).trajectory))
+            pieces = iter(own.plan.pieces)
+            for part, trajectory in own.plan.motions:
+                path, piece = (own.plan.path, next(pieces)) if part == "path" else (None, None)
+                motions.append(ProgramMotion(part, trajectory, path, piece, own.stroke.process))
+        motions += [ProgramMotion(TRANSIT, last.trajectory) for last in transits]
         return export_motions(
-            self.checker, self.motion.motions, dialect, output=settings.program.output if output is None else output,
+            self.checker, motions, dialect, output=settings.program.output if output is None else output,
             name=name or (job.source.stem if job.source else "paths"), deviation=deviation,
             allowed=(job.deviation, job.rotation_deviation), free=job.free_rotation is not False,
             tool=controller_tool(self.checker.arm, settings),
         )  # fmt: skip
 
     def _write_page(self, path: str | Path) -> None:
-        self.motion.to_html(path)
+        from pinproof.viewer import write_html
+
+        checker, motion = self.checker, self.motion
+        content = pictured({own.stroke.name: own.plan for own in self.strokes}, self.colour)
+        if self.ok:
+            content["certificate"] = motion.certificate
+        title = self.job.source.stem if self.job.source else ""
+        write_html(
+            path, checker.group, checker.scene, motion.trajectory if self.ok else None, title=title, **content
+        )  # fmt: skip
 
     def _view(self) -> View:
         table = Rows(COLUMNS, list(self.rows()), len(self.strokes), numbers=COLUMNS[2:6])
@@ -205,13 +181,11 @@ def follow_job(
     job: ToolJob,
     *,
     checker: CollisionChecker | None = None,
-    strokes: Sequence[Stroke] | None = None,
     suggestions: int = 12,
     rng: int = 0,
     colour: Literal["clearance", "speed"] = "clearance",
-    progress: Progress | None = None,
 ) -> FollowReport:
-    """Follow all strokes of a job one after another by one certified motion, or state why that is not possible.
+    """Follow all strokes of a job by one certified motion, or state why that is not possible.
 
     The motion starts and ends at the home configuration if the job states one, otherwise at the first and last stroke.
 
@@ -221,16 +195,12 @@ def follow_job(
         The job.
     checker
         The arm in its scene with the tool; by default as :meth:`ToolJob.load_checker` loads it.
-    strokes
-        The strokes in the base frame of the arm, in the order in which they are followed; by default those of the job.
     suggestions
         Largest number of changed paths that are followed for each stroke without a motion, to suggest changes.
     rng
         The seed.
     colour
         What the colours of the paths on the page show.
-    progress
-        Called with the number of finished strokes, and of all.
 
     Raises
     ------
@@ -239,51 +209,15 @@ def follow_job(
     """
     require_integer("suggestions", suggestions, 0)
     checker = job.load_checker() if checker is None else checker
-    strokes = job.placed(checker) if strokes is None else tuple(strokes)
-    arm, settings = checker.arm, {**job.options, "rng": rng}
-    home: Array | None = None
+    arm, home = checker.arm, None
     if job.settings.home:
-        home = arm.limits.snap(np.array(job.settings.home_configuration(arm.joint_names, arm.home)))
+        home = np.array(job.settings.home_configuration(arm.joint_names, arm.home))
+    placed = job.placed(checker)
+    motion = follow_all(checker, placed, home=home, rng=rng, **job.options)
+    # Those with a motion in their order, and changes that help the others
+    strokes = [StrokeReport(own.stroke, own.plan) for own in motion.steps]
     part = [job.frame] if job.frame in checker.scene else []
-    # Each stroke alone, with suggestions for those that have no motion
-    made = list[StrokeReport]()
-    for number, stroke in enumerate(strokes):
-        found = follow(checker, stroke.path, **settings)
-        made.append(StrokeReport(stroke, found, suggest_changes(found, settings, part=part, budget=suggestions)))
-        if progress is not None:
-            progress("strokes", number + 1, len(strokes))
-    whole = partial(
-        WholeMotion, checker=checker, strokes=tuple(made), title=job.source.stem if job.source else "", colour=colour
-    )
-    failed = [own for own in made if not own.plan.ok]
-    if failed:
-        count = f"{len(failed)} of {len(made)} strokes cannot be followed" if len(made) > 1 else "it cannot be followed"
-        message = f"{count}: {failed[0].stroke.name}: {failed[0].plan.message}"
-        return FollowReport(job, tuple(made), whole(message))
-    # The motions between them, and from and to the home
-    motions = list[ProgramMotion]()
-    stops: list[StrokeReport | None] = [*made] if home is None else [*made, None]
-    here, left = home, "home"
-    for own in stops:
-        there, reached = (home, "home") if own is None else (own.plan.trajectory.start, own.stroke.name)
-        if here is not None and there is not None:
-            transit = plan(checker, here, there, rng=rng)
-            if not transit.ok:
-                message = f"no motion from {left} to {reached}: {transit.message}"
-                return FollowReport(job, tuple(made), whole(message))
-            motions.append(ProgramMotion(TRANSIT, transit.trajectory))
-        if own is None:
-            break
-        pieces = iter(own.plan.pieces)
-        for name, trajectory in own.plan.motions:
-            on, piece = (own.plan.path, next(pieces)) if name == "path" else (None, None)
-            motions.append(ProgramMotion(name, trajectory, on, piece, own.stroke.process))
-        here, left = own.plan.trajectory.end, reached
-    parts = [own.trajectory for own in motions]
-    trajectory = Trajectory.join(*parts) if parts else made[0].plan.trajectory
-    certificate = certify(trajectory, checker)
-    count = f"{len(made)} strokes" if len(made) > 1 else f"stroke {made[0].stroke.name}"
-    within = max(own.plan.deviation for own in made) * 1e3
-    message = f"follows {count} in {trajectory.duration:.2f} s, within {within:.3f} mm; {certificate.message}"
-    motion = whole(message, motions=tuple(motions), trajectory=trajectory, certificate=certificate)
-    return FollowReport(job, tuple(made), motion)
+    for name, plan in motion.failed:
+        changes = suggest_changes(plan, {**job.options, "rng": rng}, part=part, budget=suggestions)
+        strokes.append(StrokeReport(next(own for own in placed if own.name == name), plan, changes))
+    return FollowReport(job, tuple(strokes), motion, colour)

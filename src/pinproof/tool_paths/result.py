@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from enum import Enum
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 from pinproof.collision import Certificate, CollisionChecker
 from pinproof.common.results import Rows, Solution, View
 from pinproof.common.structs import described, key
-from pinproof.errors import NoClosedForm
 from pinproof.motion import Trajectory
 from pinproof.planning import MotionPlan, PlannedMotion
 from pinproof.spatial import Array
@@ -170,21 +168,15 @@ class FollowPlan(PlannedMotion):
         return found | {"rungs": self.rungs, "nodes": self.nodes, "removed": self.removed}
 
     def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
-        from pinproof.tool_paths.pictures import coloured_path, rotation_strip, strip_panel
+        from pinproof.tool_paths.pictures import pictured
 
-        checker, place = self.checker, self.checker.arm.root_from_base.homogeneous
-        shown: dict[str, Any] = {"attached": checker.attached, "points": coloured_path([self])}
-        with contextlib.suppress(NoClosedForm):
-            strip = rotation_strip(checker, self.path, self)
-            shown |= {"panel": strip_panel({self.path.name: strip}, {self.path.name: self.path.names})}
+        place, shown = self.checker.arm.root_from_base.homogeneous, pictured({self.path.name: self})
         if self.ok:
             ends = {"start of the path": self.path.poses[0], "end of the path": self.path.poses[-1]}
             shown |= {"frames": {name: place @ pose for name, pose in ends.items()}}
             return self.trajectory, {**shown, "certificate": self.certificate}
         frames = {f"blocked {each.pose:g}": place @ each.place for each in self.blocked[:8]}
-        q = next((each.q for each in self.blocked if each.q is not None), None)
-        shown |= {"frames": frames, "title": self.status.value}
-        return None, shown if q is None else {**shown, "q": q, "check": checker.check(q)}
+        return None, shown | {"frames": frames, "title": self.status.value}
 
     def _view(self) -> View:
         reasons = [each.message for each in self.blocked]

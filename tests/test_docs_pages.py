@@ -25,6 +25,7 @@ PAGES = sorted(
         DOCS / "holding.md",
         DOCS / "libraries.md",
         DOCS / "planning.md",
+        DOCS / "tool_paths.md",
         DOCS / "two_hands.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),

@@ -86,7 +86,7 @@ def follow(
 
     Exit code 1 if a path cannot be followed, or the program of --export is not proven.
 
-    Example: pinproof follow docs/examples/weld_seam/weld_seam.yaml -o weld
+    Example: pinproof follow robots/ur5/weld_seam.yaml -o weld
     """
     job = pp.tool_paths.read_tool_paths(file)
     # Options of the command replace keys of the file; the robot may be placed in the cell

@@ -222,8 +222,8 @@ def follow_all(
     if not certificate.free:
         return StrokesPlan(FollowStatus.NOT_PROVEN, certificate.message, certificate=certificate, **figures)
     order = ", ".join(f"{step.stroke.name}{' backwards' if step.reverse else ''}" for step in steps)
-    count = f"{len(steps)} stroke{'s' if len(steps) > 1 else ''}"
-    message = f"follows {count} in {whole.duration:.2f} s: {order}; {certificate.message}"
+    followed = f"{len(steps)} stroke{'s' if len(steps) > 1 else ''}"
+    message = f"follows {followed} in {whole.duration:.2f} s: {order}; {certificate.message}"
     return StrokesPlan(FollowStatus.FOUND, message, trajectory=whole, certificate=certificate, **figures)
 
 

@@ -171,6 +171,14 @@ def parse_json(text: str) -> Any:
         raise ValueError(f"invalid JSON: {error}") from error
 
 
+def read_json(path: Path, error: type[FileError]) -> Any:
+    """Read a JSON file as :func:`parse_json` does; raise ``error`` if it cannot be read."""
+    try:
+        return parse_json(read_text(path, error))
+    except ValueError as caught:
+        raise error(path, str(caught)) from caught
+
+
 def csv_text(columns: Sequence[str], rows: Iterable[Iterable[object]], *, comment: str = "") -> str:
     """A table as CSV below an optional line of comment."""
     out = io.StringIO()

@@ -28,12 +28,12 @@ from pinproof.collision import (
     only_arm,
 )
 from pinproof.common import structs as st
-from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.files import read_json, unknown_suffix, write_text_whole
 from pinproof.common.results import Answer, Rows, Shown, View
 from pinproof.common.validation import require_type
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.execution.monitor import per_joint
-from pinproof.motion import MOTION, Reader, Trajectory, from_message, time_parametrise, to_message
+from pinproof.motion import MOTION, Trajectory, time_parametrise, to_message
 from pinproof.planning import Planner, PlanResult, planner_of, shortcut
 from pinproof.spatial import SE3, Array, finite, matrix, rigid
 
@@ -61,11 +61,7 @@ STORED = st.Table(
     "A motion of the library.",
     st.required("name", st.ANY_TEXT, "name of the motion"),
     st.required("sha256", st.ANY_TEXT, "hash (SHA-256, hexadecimal) of its curve"),
-    st.required(
-        "motion",
-        st.Kind(MOTION, lambda _, motion: motion, lambda _, message, path: from_message(Reader(path), message)),
-        "the motion, as in a motion file",
-    ),
+    st.required("motion", MOTION, "the motion, as in a motion file"),
 )
 
 LIBRARY = st.Table(
@@ -433,7 +429,7 @@ class MotionLibrary(Shown):
             margin.
         """
         path = Path(path)
-        content = Reader(path).json(read_text(path, FileError))
+        content = read_json(path, FileError)
         with st.errors_of(path, FileError):
             data = LIBRARY.parse("the file", content, path)
         # The setup must be the same

@@ -15,7 +15,6 @@ import re
 from array import array
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,7 @@ from pinproof.collision import CollisionChecker, PointCloud, Scene, certify, mov
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, PinproofError, UnknownNameError
 from pinproof.execution.monitor import Monitor, MonitorResult
-from pinproof.motion import Reader, Trajectory, from_message, to_message
+from pinproof.motion import Trajectory, from_message, to_message
 from pinproof.spatial import Array, finite
 
 __all__ = [
@@ -112,7 +111,7 @@ def read_joint_trajectory(message: Mapping[str, Any]) -> Trajectory:
     TrajectoryError
         If a field is missing or invalid; the message names its place, such as ``points[3].velocities``.
     """
-    return Trajectory.of_record(from_message(Reader(Path("trajectory_msgs/JointTrajectory")), dict(message)))
+    return Trajectory.of_record(from_message(dict(message), "trajectory_msgs/JointTrajectory"))
 
 
 def robot_trajectory(trajectory: Trajectory) -> Message:

@@ -118,7 +118,6 @@ from pinproof.motion.trajectory_files import (
     MOTION as MOTION,
     NANO as NANO,
     MotionRecord as MotionRecord,
-    Reader as Reader,
     from_message as from_message,
     seconds as seconds,
     to_message as to_message,

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pinproof.common import structs as st
-from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.files import read_json, write_text_whole
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.validation import require_number
 from pinproof.errors import InputError, TrajectoryError
@@ -28,11 +28,11 @@ from pinproof.motion.trajectory_files import (
     INTERPOLANTS,
     NANO,
     RATES,
+    ROW,
     STATE_KEYS,
     TIME,
     UNITS,
     MotionRecord,
-    Reader,
     stamp,
 )
 from pinproof.spatial import Array
@@ -213,17 +213,16 @@ class MotionProgram(Shown):
             one that was certified.
         """
         source = Path(path)
-        reader = Reader(source)
-        data = reader.json(read_text(source, TrajectoryError))
+        data = read_json(source, TrajectoryError)
         if isinstance(data, dict) and data.get("schema", PROGRAM_SCHEMA) != PROGRAM_SCHEMA:
-            reader.fail(f"is {data['schema']!r}; this version reads {PROGRAM_SCHEMA!r}", "schema")
+            raise TrajectoryError(source, f"is {data['schema']!r}; this version reads {PROGRAM_SCHEMA!r}", "schema")
         with st.errors_of(source, TrajectoryError):
             program: MotionProgram = PROGRAM.parse("the file", data, source)
             with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest double; never certified
                 changed = program.changed
         if changed and not allow_changes:
             names = ", ".join(changed)
-            reader.fail(f"differs from the motion that was certified: {names}; certify it again")
+            raise TrajectoryError(source, f"differs from the motion that was certified: {names}; certify it again")
         return program
 
     def save(self, path: str | Path) -> None:
@@ -327,7 +326,7 @@ PROGRAM_POINT = st.Table(
     *STATE_KEYS,
     st.Key(
         "accelerations",
-        st.list_of(st.PLAIN_NUMBER, 1),
+        ROW,
         "one for each joint; required in quintic programs, refused in cubic ones",
         "rad/s² or m/s²",
     ),

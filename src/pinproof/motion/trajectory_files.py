@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, NoReturn, Protocol, TypeVar
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,7 @@ from pinproof.common.files import (
     csv_text,
     other_separator,
     parse_json,
+    read_json,
     read_text,
     read_yaml,
     unknown_suffix,
@@ -62,8 +63,6 @@ _TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
 _MARK = "# pinproof: "
 _KINDS = ("position", "velocity", "acceleration")
 _TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
-
-Codec = TypeVar("Codec")
 
 
 @st.struct("record")
@@ -153,10 +152,42 @@ TIME = _time_of(*_TIME_KEYS[0], "ros2")
 
 # A time in nanoseconds, which files state as in ROS 2.
 CLOCK = st.Kind(TIME, lambda _, clock: clock, TIME.parse, stamp)
+
+
+def _numbers(_: str, values: Any) -> list[float]:
+    """A list of finite numbers; a motion has thousands, so they are not read one by one."""
+    if not isinstance(values, list):
+        raise InputError(f"must be a list of numbers, one per joint, not {st.short(values)}")
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise InputError(f"{value!r} is not a number")
+        if not abs(value) < np.inf:  # this includes NaN
+            raise InputError(f"holds {value}; all numbers must be finite")
+    try:
+        return [float(value) for value in values]
+    except OverflowError:
+        raise InputError("holds an integer too large for a double") from None
+
+
+def _stated_clock(_: str, stated: Any, __: Path) -> int:
+    """A time in nanoseconds; a number of seconds is rounded to them, as the times of a trajectory are."""
+    keys = next((keys for keys in _TIME_KEYS if isinstance(stated, dict) and stated.keys() == set(keys)), None)
+    if type(stated) in (int, float) and 0 <= stated <= LONGEST:  # type, not isinstance: bool is refused
+        return round(stated * NANO)
+    if keys and all(type(stated[key]) is int for key in keys):
+        return checked_nanoseconds(*(stated[key] for key in keys))
+    raise InputError('must be {"sec": integer, "nanosec": integer}, or a non-negative number of seconds')
+
+
+# The numbers of all joints at one time, and a time as messages of ROS 2 or ROS 1 state it, or in seconds.
+ROW = st.Kind(st.list_of(st.PLAIN_NUMBER, 1).schema, _numbers)
+STATED_CLOCK = st.Kind(
+    st.any_of(st.NOT_NEGATIVE, TIME, _time_of(*_TIME_KEYS[1], "ros1")).schema, lambda _, clock: clock, _stated_clock
+)
 # The keys of points that motions and programs share.
 STATE_KEYS = (
-    st.required("positions", st.list_of(st.PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
-    st.required("velocities", st.list_of(st.PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
+    st.required("positions", ROW, "one for each joint", "rad or m"),
+    st.required("velocities", ROW, "one for each joint", "rad/s or m/s"),
 )
 
 POINT = st.Table(
@@ -165,20 +196,18 @@ POINT = st.Table(
     *STATE_KEYS,
     st.Key(
         "accelerations",
-        st.list_of(st.PLAIN_NUMBER),
+        st.Kind(st.list_of(st.PLAIN_NUMBER).schema, _numbers),
         "one for each joint, for quintic interpolation; by default none",
         "rad/s² or m/s²",
     ),
     st.Key("effort", st.list_of(st.PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
     st.required(
         "time_from_start",
-        st.any_of(st.NOT_NEGATIVE, TIME, _time_of(*_TIME_KEYS[1], "ros1")),
+        STATED_CLOCK,
         "time from the start of the motion; 0 for the first point, then strictly increasing",
         "s",
     ),
 )
-
-RECORDS = st.list_of(st.table_of(MotionRecord))
 
 META = st.Table(
     "metadata",
@@ -195,33 +224,7 @@ META = st.Table(
         "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
     ),
     st.Key("limits_note", st.ANY_TEXT, "where the limits of the timing come from", "", ""),
-    st.Key("certified", RECORDS, "how the motion was certified", "", []),
-)
-
-
-def _metadata_of(kind: str, units: dict[str, str]) -> dict[str, Any]:
-    stated = {"interpolant": {"const": INTERPOLANTS[kind]}, "units": {"const": units}}
-    return {"properties": {"pinproof": {"properties": stated}}}
-
-
-MOTION = st.Table(
-    "motion",
-    "A timed motion: a message trajectory_msgs/JointTrajectory, with metadata of pinproof.",
-    st.Key("header", st.ANYTHING, "header of the message; ignored"),
-    st.required("joint_names", st.list_of(st.ANY_TEXT, 1), "names of the joints"),
-    st.required("points", st.list_of(POINT, 1), "the points in the order of time"),
-    st.Key("pinproof", META, "metadata; a message of another program has none"),
-    rules={
-        "if": {
-            "properties": {
-                "points": {
-                    "contains": {"required": ["accelerations"], "properties": {"accelerations": {"minItems": 1}}}
-                }
-            }
-        },
-        "then": _metadata_of("quintic", UNITS),
-        "else": _metadata_of("cubic", CUBIC_UNITS),
-    },
+    st.Key("certified", st.list_of(st.table_of(MotionRecord)), "how the motion was certified", "", []),
 )
 
 
@@ -271,97 +274,81 @@ class Record:
         return {**meta, "certified": [record.to_dict() for record in self.certified]} if self.certified else meta
 
 
-class _Point(NamedTuple):
-    """A point of a file, with its location for error messages; without accelerations in a cubic."""
+def _checked_record(
+    names: Sequence[str],
+    clock: Sequence[int],
+    rows: Sequence[Sequence[Sequence[float]]],
+    meta: Mapping[str, Any] | None,
+    failed: Callable[[str, int | None], st.Misread],
+) -> Record:
+    """The record of positions and rates; ``failed`` makes the error about a point, or None for the metadata.
 
-    place: str
-    nanoseconds: int
-    q: list[float]
-    velocities: list[float]
-    accelerations: list[float] | None
+    The times must begin at 0 and increase, and what the metadata state must be what follows from the points.
+    """
+    if clock[0] != 0:
+        raise failed("the first point must be at time 0", 0)
+    for k, (before, here) in enumerate(pairwise(clock), 1):
+        if here <= before:
+            raise failed("times must increase strictly", k)
+    # A message of another program has no metadata.
+    q, velocities, *second = (np.reshape(values, (len(clock), len(names))) for values in rows)
+    stated = meta or {}
+    own = stated.get("limits_note", ""), tuple(stated.get("certified", ()))
+    record = Record(tuple(names), np.array(clock, np.int64), q, velocities, second[0] if second else None, *own)
+    for key, expected in record.meta().items():
+        if meta is not None and key in ("interpolant", "units") and meta[key] != expected:
+            raise failed(f"{key} must be {expected!r}, not {meta[key]!r}", None)
+    return record
 
 
-class Reader:
-    """Validation of the contents of a file. Every error names the file and the location."""
+def _message_record(
+    *, joint_names: Sequence[str], points: Sequence[Mapping[str, Any]], pinproof: Any = None, **_: Any
+) -> Record:
+    """The record of the values of a message."""
+    for k, point in enumerate(points):
+        for kind in ("positions", *RATES):
+            row = point.get(kind, ())
+            if len(row) != len(joint_names) and (row or kind != "accelerations"):
+                wanted = f"must be a list of {len(joint_names)} numbers, one per joint; found {len(row)} values"
+                raise st.Misread(wanted, (".points", k, f".{kind}"))
+    quintic = {bool(point.get("accelerations")) for point in points}
+    if len(quintic) > 1:
+        mixed = "either all points or no point must have accelerations; a controller would mix quintics and cubics"
+        raise st.Misread(mixed, (".points",))
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def failed(reason: str, k: int | None) -> st.Misread:
+        return st.Misread(reason, (".pinproof",) if k is None else (".points", k, ".time_from_start"))
 
-    def fail(self, reason: str, place: str = "") -> NoReturn:
-        """Raise a TrajectoryError."""
-        raise TrajectoryError(self.path, reason, place)
+    clock = [point["time_from_start"] for point in points]
+    rows = [[point[kind] for point in points] for kind in ("positions", *RATES[: 1 + quintic.pop()])]
+    return _checked_record(joint_names, clock, rows, pinproof, failed)
 
-    def known_keys(self, data: dict[str, Any], table: st.Table, place: str) -> None:
-        """Check that all required keys and no unknown keys exist."""
-        if missing := [key for key in table.required if key not in data]:
-            self.fail(f"lacks {', '.join(missing)}", place)
-        if unknown := sorted(str(key) for key in data if key not in table.names):
-            self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}", place)
 
-    def json(self, text: str, place: str = "") -> Any:
-        """Parse JSON; numbers that are not finite and duplicate keys are refused."""
-        try:
-            return parse_json(text)
-        except ValueError as error:
-            self.fail(str(error), place)
+def _metadata_of(kind: str, units: dict[str, str]) -> dict[str, Any]:
+    stated = {"interpolant": {"const": INTERPOLANTS[kind]}, "units": {"const": units}}
+    return {"properties": {"pinproof": {"properties": stated}}}
 
-    def numbers(self, values: Any, count: int, place: str) -> list[float]:
-        """Check a list of ``count`` finite numbers."""
-        if not isinstance(values, list) or len(values) != count:
-            found = f"{len(values)} values" if isinstance(values, list) else repr(values)
-            self.fail(f"must be a list of {count} numbers, one per joint; found {found}", place)
-        for value in values:
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                self.fail(f"{value!r} is not a number", place)
-            if not abs(value) < np.inf:  # this includes NaN
-                self.fail(f"holds {value}; all numbers must be finite", place)
-        try:
-            return [float(value) for value in values]
-        except OverflowError:
-            self.fail("holds an integer too large for a double", place)
 
-    def nanoseconds(self, sec: int, nanosec: int, place: str) -> int:
-        """The time in nanoseconds, if doubles represent it exactly."""
-        try:
-            return checked_nanoseconds(sec, nanosec)
-        except InputError as error:
-            self.fail(str(error), place)
-
-    def record(self, names: list[str], points: Sequence[_Point], meta: Any, place: str, time: str = "") -> Record:
-        """Create a record, after checking the order of the points and the metadata, if there are any.
-
-        ``place`` is the location of the metadata, ``time`` that of the time within a point.
-        """
-        # The times begin at 0 and increase.
-        if points[0].nanoseconds != 0:
-            self.fail("the first point must be at time 0", points[0].place + time)
-        for before, point in pairwise(points):
-            if point.nanoseconds <= before.nanoseconds:
-                self.fail("times must increase strictly", point.place + time)
-        # A message of another program has no metadata.
-        if meta is not None and not isinstance(meta, dict):
-            self.fail("must be an object", place)
-        stated = meta or {}
-        note = stated.get("limits_note", "")
-        if not isinstance(note, str):
-            self.fail("limits_note must be a string", place)
-        where = f"{place}.certified" if place == "pinproof" else f"{place}, certified"
-        try:
-            certified = tuple(st.step(where, "", RECORDS.read, "certified", stated.get("certified", []), self.path))
-        except st.Misread as error:
-            self.fail(error.reason, error.place.removeprefix("key "))
-        _, clock, q, velocities, accelerations = zip(*points, strict=True)
-        shape = len(points), len(names)
-        second = None if accelerations[0] is None else np.reshape(accelerations, shape)
-        rows = np.reshape(q, shape), np.reshape(velocities, shape), second
-        record = Record(tuple(names), np.array(clock, np.int64), *rows, note, certified)
-        # What the metadata state must be what follows from the points.
-        if meta is not None:
-            for key, expected in record.meta().items():
-                if key not in ("limits_note", "certified") and meta.get(key) != expected:
-                    self.fail(f"{key} must be {expected!r}, not {meta.get(key)!r}", place)
-            self.known_keys(meta, META, place)
-        return record
+MOTION = st.Table(
+    "motion",
+    "A timed motion: a message trajectory_msgs/JointTrajectory, with metadata of pinproof.",
+    st.Key("header", st.ANYTHING, "header of the message; ignored"),
+    st.required("joint_names", st.list_of(st.ANY_TEXT, 1), "names of the joints"),
+    st.required("points", st.list_of(POINT, 1), "the points in the order of time"),
+    st.Key("pinproof", META, "metadata; a message of another program has none"),
+    rules={
+        "if": {
+            "properties": {
+                "points": {
+                    "contains": {"required": ["accelerations"], "properties": {"accelerations": {"minItems": 1}}}
+                }
+            }
+        },
+        "then": _metadata_of("quintic", UNITS),
+        "else": _metadata_of("cubic", CUBIC_UNITS),
+    },
+    make=_message_record,
+)
 
 
 def to_message(record: Record) -> dict[str, Any]:
@@ -383,52 +370,20 @@ def to_json(record: Record) -> str:
     )
 
 
-def from_message(reader: Reader, data: Any) -> Record:
-    """Read a message that was parsed before: an output of :func:`to_json`, or one without the key ``pinproof``."""
-    if not isinstance(data, dict):
-        reader.fail("must be an object with joint_names and points")
-    reader.known_keys(data, MOTION, "")
-    names = data["joint_names"]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        reader.fail("must be a list of strings", "joint_names")
-    stated = data["points"]
-    if not isinstance(stated, list) or not stated:
-        reader.fail("must be a list of at least one point", "points")
-    points = []
-    for i, point in enumerate(stated):
-        place = f"points[{i}]"
-        if not isinstance(point, dict):
-            reader.fail("must be an object", place)
-        if not point.get("velocities"):
-            reader.fail(
-                "lacks velocities: a controller interpolates positions linearly, with a velocity jump at every point; "
-                "create a JointPath from the positions and time it with time_parametrise",
-                place,
-            )
-        reader.known_keys(point, POINT, place)
-        if point.get("effort"):
-            reader.fail("efforts are not supported; remove them", f"{place}.effort")
-        # A number of seconds is rounded to nanoseconds, as the times of a trajectory are.
-        time, where = point["time_from_start"], f"{place}.time_from_start"
-        keys = next((keys for keys in _TIME_KEYS if isinstance(time, dict) and time.keys() == set(keys)), None)
-        if type(time) in (int, float) and 0 <= time <= LONGEST:  # type, not isinstance: bool is refused
-            clock = round(time * NANO)
-        elif keys and all(type(time[key]) is int for key in keys):
-            clock = reader.nanoseconds(time[keys[0]], time[keys[1]], where)
-        else:
-            reader.fail('must be {"sec": integer, "nanosec": integer}, or a non-negative number of seconds', where)
-        read = {
-            kind: reader.numbers(point[kind], len(names), f"{place}.{kind}")
-            for kind in ("positions", *RATES)
-            if kind != "accelerations" or point.get(kind)
-        }
-        points.append(_Point(place, clock, read["positions"], read["velocities"], read.get("accelerations")))
-    if len({point.accelerations is None for point in points}) > 1:
-        reader.fail(
-            "either all points or no point must have accelerations; a controller would mix quintics and cubics",
-            "points",
-        )
-    return reader.record(names, points, data.get("pinproof"), "pinproof", ".time_from_start")
+def from_message(message: Any, path: str | Path) -> Record:
+    """Read a message that was parsed before: an output of :func:`to_json`, or one without the key ``pinproof``.
+
+    TrajectoryError, with the place in the message and ``path`` as its file, if something is missing or invalid.
+    """
+    with st.errors_of(Path(path), TrajectoryError):
+        points = message.get("points") if isinstance(message, dict) else ()
+        for k, point in enumerate(points if isinstance(points, list) else ()):
+            if isinstance(point, dict) and not point.get("velocities"):
+                remedy = "create a JointPath from the positions and time it with time_parametrise"
+                linear = "a controller interpolates positions linearly, with a velocity jump at every point"
+                raise st.Misread(f"lacks velocities: {linear}; {remedy}", (".points", k))
+        record: Record = MOTION.read("the message", message, Path(path))
+    return record
 
 
 def to_csv(record: Record) -> str:
@@ -445,77 +400,76 @@ def _columns(names: Sequence[str], kinds: int) -> list[str]:
     return ["time_from_start", *(f"{kind} {name}" for kind in _KINDS[:kinds] for name in names)]
 
 
-def from_csv(reader: Reader, text: str) -> Record:
-    """Read the output of :func:`to_csv`."""
-    for number, line in enumerate(text.splitlines()[:3], start=1):
-        if line.lstrip('"').startswith("time_from_start") and (other := other_separator(line.split(","))):
-            reader.fail(other, f"line {number}")
+def from_csv(text: str, path: Path) -> Record:
+    """Read the output of :func:`to_csv`; TrajectoryError with the line."""
+    for number, words in enumerate(text.splitlines()[:3], start=1):
+        if words.lstrip('"').startswith("time_from_start") and (other := other_separator(words.split(","))):
+            raise TrajectoryError(path, other, f"line {number}")
     first, _, body = text.partition("\n")
     if not first.startswith(_MARK):
-        reader.fail(f"must start with '{_MARK}{{...}}', which names the interpolant", "line 1")
-    meta = reader.json(first[len(_MARK) :], "line 1")
+        raise TrajectoryError(path, f"must start with '{_MARK}{{...}}', which names the interpolant", "line 1")
     rows = csv.reader(io.StringIO(body, newline=""), strict=True)
-    points = []
+    line, clock, points = 1, list[int](), list[list[float]]()
     try:
-        header = next(rows, [])
+        meta = META.read("the metadata", parse_json(first[len(_MARK) :]), path)
+        line, header = 2, next(rows, [])
         kinds = 3 if header and header[-1].startswith(f"{_KINDS[2]} ") else 2
         n = len(header) // kinds
         names = [column[len(_KINDS[0]) + 1 :] for column in header[1 : 1 + n]]
         if not names or header != _columns(names, kinds):
-            reader.fail(
+            raise InputError(
                 "columns must be time_from_start, then 'position <joint>', then 'velocity <joint>', and for a quintic "
-                "'acceleration <joint>'",
-                "line 2",
+                "'acceleration <joint>'"
             )
         for row in rows:
-            place = f"line {rows.line_num + 1}"
+            line = rows.line_num + 1
             if len(row) != len(header):
-                reader.fail(f"has {len(row)} cells, but the header has {len(header)}", place)
+                raise InputError(f"has {len(row)} cells, but the header has {len(header)}")
             time = _TIME.fullmatch(row[0])
             if time is None:
-                reader.fail(f"time_from_start must have nine decimals, as 0.125000000, not {row[0]!r}", place)
-            values = []
-            for cell in row[1:]:
-                try:
-                    values.append(float(cell))
-                except ValueError:
-                    reader.fail(f"{cell!r} is not a number", place)
-            numbers = reader.numbers(values, kinds * n, place)
-            clock = reader.nanoseconds(int(time[1]), int(time[2]), place)
-            second = numbers[2 * n :] if kinds == 3 else None
-            points.append(_Point(place, clock, numbers[:n], numbers[n : 2 * n], second))
+                raise InputError(f"time_from_start must have nine decimals, as 0.125000000, not {row[0]!r}")
+            clock.append(checked_nanoseconds(int(time[1]), int(time[2])))
+            points.append(_numbers("", [_cell(cell) for cell in row[1:]]))
+        line = 3
+        if not points:
+            raise InputError("has no point")
+        columns = [[point[k * n : (k + 1) * n] for point in points] for k in range(kinds)]
+
+        def failed(reason: str, k: int | None) -> st.Misread:
+            return st.Misread(reason, (), "line 1" if k is None else f"line {k + 3}")
+
+        return _checked_record(names, clock, columns, meta, failed)
     except csv.Error as error:
-        reader.fail(f"is not valid CSV: {error}", f"line {rows.line_num + 1}")
-    if not points:
-        reader.fail("has no point", "line 3")
-    return reader.record(names, points, meta, "line 1")
+        raise TrajectoryError(path, f"is not valid CSV: {error}", f"line {rows.line_num + 1}") from error
+    except ValueError as error:  # InputError is one
+        place = getattr(error, "position", "") or f"line {line}"
+        raise TrajectoryError(path, getattr(error, "reason", str(error)), place) from error
 
 
-_WRITERS: dict[str, Callable[[Record], str]] = {".json": to_json, ".csv": to_csv}
-_READERS: dict[str, Callable[[Reader, str], Record]] = {
-    ".json": lambda reader, text: from_message(reader, reader.json(text)),
-    ".csv": from_csv,
-    **dict.fromkeys(
-        YAML_SUFFIXES, lambda reader, _: from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
-    ),
-}
+def _cell(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{text!r} is not a number") from None
 
 
 def write(path: str | Path, record: Record) -> None:
     """Write ``record`` in the format of the file extension; the complete file replaces the target."""
     target = Path(path)
-    text = _by_extension(target, _WRITERS, WRITTEN)(record)
-    write_text_whole(target, text, TrajectoryError)
+    if target.suffix.lower() not in WRITTEN:
+        raise TrajectoryError(target, unknown_suffix(target, WRITTEN))
+    write_text_whole(target, to_csv(record) if target.suffix.lower() == ".csv" else to_json(record), TrajectoryError)
 
 
 def read(path: str | Path) -> Record:
     """Read an output of :func:`write`, or a JointTrajectory message with positions and velocities."""
     source = Path(path)
-    parse = _by_extension(source, _READERS, READ)
-    return parse(Reader(source), read_text(source, TrajectoryError))
-
-
-def _by_extension(path: Path, codecs: dict[str, Codec], valid: tuple[str, ...]) -> Codec:
-    if path.suffix.lower() not in codecs:
-        raise TrajectoryError(path, unknown_suffix(path, valid))
-    return codecs[path.suffix.lower()]
+    kind = source.suffix.lower()
+    if kind not in READ:
+        raise TrajectoryError(source, unknown_suffix(source, READ))
+    if kind == ".csv":
+        return from_csv(read_text(source, TrajectoryError), source)
+    yaml = kind in YAML_SUFFIXES
+    return from_message(
+        read_yaml(source, MOTION.names, TrajectoryError) if yaml else read_json(source, TrajectoryError), source
+    )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
+from pinproof.common.files import parse_json
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.dialects.dialect import Body, Dialect, Heading, Step, StreamedTrajectory
-from pinproof.motion.trajectory_files import Reader, from_message, to_message
+from pinproof.motion.trajectory_files import from_message, to_message
 
 
 class Ros2(Dialect):
@@ -44,14 +44,16 @@ class Ros2(Dialect):
 
     def read(self, source: str, body: Body, heading: Heading) -> list[Step]:
         """See :meth:`Dialect.read`."""
-        reader = Reader(Path(source))
-        data = reader.json("\n".join(line for _, line in body))
+        try:
+            data = parse_json("\n".join(line for _, line in body))
+        except ValueError as error:
+            raise TrajectoryError(source, str(error)) from error
         if not isinstance(data, dict) or set(data) != {"trajectory"}:
             raise TrajectoryError(source, "must contain the key trajectory and no other")
         # The stamp of a header would start the motion at another time, without the points before it.
         if not isinstance(data["trajectory"], dict) or set(data["trajectory"]) != {"joint_names", "points"}:
             raise TrajectoryError(source, "must contain the keys joint_names and points and no other", "trajectory")
-        record = from_message(reader, data["trajectory"])
+        record = from_message(data["trajectory"], source)
         if record.joint_names != heading.joints:
             raise TrajectoryError(source, f"its joints are not {', '.join(heading.joints)}, as its comments state")
         return [StreamedTrajectory(record, body[0][0])]

@@ -421,10 +421,7 @@ class _Roadmap:
     def refuse(self, certificate: Certificate, steps: Sequence[_MotionStep]) -> None:
         """Remove the part of a motion that is not proven."""
         self.failures, self._last_failure = self.failures + 1, certificate.message
-        if certificate.first_contact is not None:
-            time = certificate.first_contact.time
-        else:
-            time = 0.0 if certificate.undecided is None else certificate.undecided.start
+        time = certificate.fails_at
         failed = next((step for step in steps if time <= step.end + STEP * 1e-3), None)
         if failed is None:  # at rest at the goal
             self._free[self._start][0] = False

@@ -374,10 +374,6 @@ def trajectory_within(
 ) -> Trajectory | None:
     """A motion between two states as a trajectory, see :meth:`MoveSequence.trajectory`; None if it exceeds a limit."""
     timed = motion.trajectory(joint_names, bounds.note, start, end, smooth=smooth)
-    try:
-        excess = np.max([rate_excess(timed, bounds).max(), *(limit.excess(timed).max() for limit in rate_limits)])
-    except TimingError:  # a constraint is violated even at rest
-        return None
     # An acceleration changes with the square of the factor, a jerk with the third power.
-    allowed = excess <= 1.0 + RATE_TOLERANCE / (3 if smooth else 2)
+    allowed = rate_excess(timed, bounds, rate_limits).max() <= 1.0 + RATE_TOLERANCE / (3 if smooth else 2)
     return timed if allowed and inside_position_limits(timed, bounds) else None

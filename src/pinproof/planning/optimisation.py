@@ -34,7 +34,6 @@ from pinproof.collision import (
 from pinproof.common.results import Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
-from pinproof.errors import TimingError
 from pinproof.model import guess_mark
 from pinproof.motion import (
     RATE_TOLERANCE,
@@ -240,11 +239,7 @@ def _goals(
 def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
     """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
-        try:
-            further = [limit.excess(trajectory) for limit in constraints]
-        except TimingError:  # a constraint is violated even at rest
-            return None
-        excess = float(np.max([rate_excess(trajectory, bounds), *further]))
+        excess = float(rate_excess(trajectory, bounds, constraints).max())
         # A jerk changes with the third power of the factor, so that a third of the tolerance is that of a jerk.
         if excess <= 1.0 + RATE_TOLERANCE / 3.0:
             return trajectory if inside_position_limits(trajectory, bounds) else None

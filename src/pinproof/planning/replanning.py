@@ -27,7 +27,7 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.common.results import Answer, Solution, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer, require_positive
-from pinproof.errors import PlanFailed, TimingError
+from pinproof.errors import PlanFailed
 from pinproof.motion import (
     LIMIT_TOLERANCE,
     Bounds,
@@ -263,11 +263,7 @@ def _keeps(running: Trajectory, now: float, bounds: Bounds, rate_limits: Sequenc
     left = running.bezier()[0][1:] > now
     if left.any() and bounds.jerk is not None and running.interpolant == "cubic":  # its acceleration jumps
         return False
-    try:
-        excess = [rate_excess(running, bounds)[left], *(limit.excess(running)[left] for limit in rate_limits)]
-    except TimingError:  # a constraint is violated even at rest
-        return False
-    largest = max(each.max(initial=0.0) for each in excess)
+    largest = rate_excess(running, bounds, rate_limits)[left].max(initial=0.0)
     return bool(largest <= 1.0 + LIMIT_TOLERANCE) and inside_position_limits(running.after(now), bounds)
 
 

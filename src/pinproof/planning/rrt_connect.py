@@ -268,17 +268,7 @@ class ConnectSearch:
         self._cut, self._last_cut = self._cut + 1, certificate.message
         self._edges.refine()
         # The parameter of the path is the index of the waypoint.
-        if certificate.first_contact is not None:
-            where = certificate.first_contact.time
-        elif certificate.violation is not None:
-            where = certificate.violation.time
-        elif certificate.undecided_constraint is not None:
-            where = certificate.undecided_constraint.start
-        elif certificate.undecided is not None:
-            where = (certificate.undecided.start + certificate.undecided.end) / 2
-        else:  # pragma: no cover  # a certificate that is not FREE has one of them
-            where = 0.0
-        return None, min(int(where), len(q) - 2)
+        return None, min(int(certificate.fails_at), len(q) - 2)
 
     def _blocked(self) -> PlanResult | None:
         """The result if it is proven that no path exists; None otherwise, and after the first call."""

@@ -30,10 +30,10 @@ from pinproof.collision import (
     is_proven_free,
     require_curve,
 )
-from pinproof.common.results import Shown, View
+from pinproof.common.results import Answer, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
-from pinproof.errors import InputError
+from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import JointGroup
 from pinproof.motion import REVERSAL, BlendedPath, CubicPath, JointPath, TorqueLimits, corner_distance, round_corner
 from pinproof.planning.problem import Edges, manifold_of
@@ -71,8 +71,10 @@ CONVERGED = 0.01
 
 
 @described(eq=False)
-class SimplifyResult(Shown):
+class SimplifyResult(Answer):
     """A shortened and smoothed path."""
+
+    failure = NotProvenFree
 
     path: JointPath | BlendedPath = key(
         "a :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`"
@@ -93,16 +95,8 @@ class SimplifyResult(Shown):
         """The number of points between the ends at which the arm must stop."""
         return _stops(self.path)
 
-    def or_raise(self) -> SimplifyResult:
-        """Return the result if its path is proven free.
-
-        Raises
-        ------
-        NotProvenFree
-            Otherwise, with the message of the certificate.
-        """
-        self.certificate.or_raise()
-        return self
+    def _why_not(self) -> str:
+        return self.certificate.message
 
 
 def simplify(
@@ -255,8 +249,7 @@ def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1)
     InputError
         If the path does not move the joints of the arm, or ``deviation`` is not above 0.
     """
-    if path.joint_names != checker.group.joint_names:
-        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.group.joint_names}")
+    require_curve(path, checker, "path")
     if not deviation > 0:
         raise InputError(f"deviation = {deviation}; it must be a distance in joint space above 0")
     # A segment of length 0 has no direction.

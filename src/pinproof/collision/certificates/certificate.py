@@ -32,7 +32,7 @@ from pinproof.collision.geometry.occupancy import OccupancyGrid
 from pinproof.collision.geometry.shapes import Box, Mesh, Obstacle
 from pinproof.collision.scene import Scene
 from pinproof.common.files import os_errors
-from pinproof.common.results import Shown, View
+from pinproof.common.results import Answer, View
 from pinproof.common.structs import described, key
 from pinproof.description import GENERATED_BODIES, Calibration
 from pinproof.errors import InputError, NotProvenFree
@@ -325,8 +325,10 @@ class Parting:
 
 
 @described(eq=False)
-class Certificate(Shown):
+class Certificate(Answer):
     """The verdict over a whole curve, valid between samples too."""
+
+    failure = NotProvenFree
 
     status: CertificateStatus = key(
         "FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of "
@@ -441,6 +443,20 @@ class Certificate(Shown):
         """Whether the status is FREE."""
         return self.status is CertificateStatus.FREE
 
+    @property
+    def ok(self) -> bool:
+        """Whether the status is FREE."""
+        return self.free
+
+    @property
+    def fails_at(self) -> float:
+        """The parameter of the first contact or violation, or where what is undecided begins; NaN if FREE."""
+        for event in (self.first_contact, self.violation):
+            if event is not None:
+                return event.time
+        spans = (self.undecided_constraint, self.undecided)
+        return next((span.start for span in spans if span is not None), math.nan)
+
     def matches(
         self,
         curve: Curve,
@@ -541,18 +557,6 @@ class Certificate(Shown):
             write_proof(self, curve, checker, path)
         except NotProvenFree as error:
             raise NotProvenFree(str(error), self) from error
-
-    def or_raise(self) -> Certificate:
-        """Return the certificate if it is FREE.
-
-        Raises
-        ------
-        NotProvenFree
-            With the message of the certificate otherwise.
-        """
-        if not self.free:
-            raise NotProvenFree(self.message, self)
-        return self
 
     def _view(self) -> View:
         excluded = (f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,6 @@ from pinproof.errors import InputError, TimingError
 from pinproof.model import JointLimits, distinct
 from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, is_timed, parameter_text
 from pinproof.spatial import Array, floats
-
-if TYPE_CHECKING:
-    from pinproof.motion.rate_limits import RateConstraint
-    from pinproof.motion.trajectory import Trajectory
 
 RATE_TOLERANCE = 1e-9
 """Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""
@@ -160,11 +156,11 @@ def least_times(
     return np.asarray(times if by_joint else times.max(axis=-1, initial=0.0))
 
 
-def rate_excess(trajectory: Trajectory, bounds: Bounds, further: Sequence[RateConstraint] = ()) -> Array:
+def rate_excess(trajectory: BezierCurve, bounds: Bounds, further: Sequence[Any] = ()) -> Array:
     """(k,) the factor by which each piece must be slowed down to satisfy the limits of the rates; 1 or less if it does.
 
     A factor f divides velocities by f, accelerations by f^2 and jerks by f^3. The extremes of the pieces are exact. It
-    is infinite if one of the ``further`` constraints is violated even at rest.
+    is infinite if one of the ``further`` constraints (:class:`~pinproof.motion.RateConstraint`) is violated at rest.
     """
     try:
         shares = [limit.excess(trajectory) for limit in further]

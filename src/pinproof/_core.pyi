@@ -65,46 +65,35 @@ def not_rigid(matrices: NDArray[numpy.float64]) -> list[int]: ...
 
 class ClikStep:
     def __init__(self, damping: float) -> None: ...
+    def step(
+        self,
+        growth: float,
+        longest: float,
+        squared_residual: float,
+        residual: NDArray[numpy.float64],
+        jacobian: NDArray[numpy.float64],
+    ) -> NDArray[numpy.float64]: ...
 
     GROWTH: float = 4.0
 
     RELIEF: float = 0.5
 
-    MOST_GROWTHS: int = 20
-
-    SMALLEST_DAMPING: float = 1e-10
-
 class SingularStep:
     def __init__(self, cutoff: float, damping: float, region: float) -> None: ...
-
-    NOTHING: float = 1e-12
+    def step(self, residual: NDArray[numpy.float64], jacobian: NDArray[numpy.float64]) -> NDArray[numpy.float64]: ...
 
 class FabrikStep:
     def __init__(self, end: ClikStep, squared_handover: float) -> None: ...
-
-    HINGE_HALF_LENGTH: float = 0.17
-
-    HOLD: float = 0.03
-
-    HOLD_POSED: float = 1.0
-
-    REACH: float = 0.001
-
-    RELAX_HOLD: float = 0.8
-
-    RELAX_REACH: float = 1.6
-
-    BASE: float = 0.1
-
-    AIM: float = 0.3
-
-    WAIT: int = 30
-
-    BEND: float = 0.2
-
-    STILL: float = 1e-09
-
-    TINY: float = 1e-12
+    @staticmethod
+    def passes(
+        chain: Chain,
+        ranges: Sequence[JointRange],
+        task: Task,
+        target_from_base: NDArray[numpy.float64],
+        q: NDArray[numpy.float64],
+        iteration: int,
+        waited: int,
+    ) -> NDArray[numpy.float64]: ...
 
 class JointRange:
     def __init__(self, lower: float, upper: float, periodic: bool, wraps: bool) -> None: ...

@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof import _core
 from pinproof.ik import jacobian_methods
-from pinproof.ik.fabrik import _Passes
 from pinproof.model import load_robot
 from pinproof.spatial import matrix
 
 from ..examples import examples
+from .plain_rules import FABRIK, Passes, plain
 
 TASKS = ["position", "pose", "orientation", "spin_z", "spin_x"]
 ARMS = ["ur5", "panda", "stanford", "scara", "so100"]
@@ -31,6 +30,14 @@ def reachable(arm, count, seed):
     return arm.forward_kinematics_batch(np.random.default_rng(seed).uniform(lower, upper, (count, arm.dof)))
 
 
+def all_engines(solver, **settings):
+    """The compiled core, the loop on Pinocchio with the compiled passes, and that with passes in NumPy."""
+    return [
+        *(replace(solver, engine=name, **settings) for name in ("compiled", "pinocchio")),
+        plain(solver, **settings),
+    ]
+
+
 def middle(arm):
     return np.mean(arm.limits.sampling_range(), axis=0)
 
@@ -39,7 +46,7 @@ def test_one_link_reaches_its_target_in_one_full_pass(planar):
     """The compiled rule scales steps by alternating factors; the angle of a pass is exact."""
     steps = []
     pp.Fabrik(restarts=0).solve(planar("-3 3"), pp.pose((0.0, 1.0, 0.0)), [0.0], task="position", on_step=steps.append)
-    assert steps[0].step == pytest.approx([_core.FabrikStep.RELAX_HOLD * np.pi / 2], abs=1e-12)
+    assert steps[0].step == pytest.approx([FABRIK.RELAX_HOLD * np.pi / 2], abs=1e-12)
 
 
 def test_two_planar_links_match_the_analytic_solution(planar):
@@ -128,22 +135,22 @@ def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):
     solver.solve(arm, target, q0, task=task, on_step=watched.append)
     for steps in {1, 3, min(len(watched), 8) - 1}:
         if 0 < steps < len(watched):
-            fast, slow = (
-                replace(solver, engine=engine, max_iterations=steps).solve(arm, target, q0, task=task)
-                for engine in ("compiled", "pinocchio")
+            fast, slow, numpy = (
+                each.solve(arm, target, q0, task=task) for each in all_engines(solver, max_iterations=steps)
             )
             assert fast.q == pytest.approx(slow.q, abs=1e-7)
+            assert fast.q == pytest.approx(numpy.q, abs=1e-7)
 
 
 def test_both_engines_bend_an_arm_in_deadlock_equally(planar):
     arm = planar("-3 3", "-3 3", "-1 2")
     target = pp.pose((4.0, 0, 0))  # straight towards it, and out of reach: every pass stands still
     ends = []
-    for engine in ("compiled", "pinocchio"):
-        solver = pp.Fabrik(restarts=0, engine=engine, max_iterations=37)
+    for solver in all_engines(pp.Fabrik(restarts=0, max_iterations=37)):
         ends.append(solver.solve(arm, target, [0.4, 0.3, 0.2], task="position"))
-    assert ends[0].iterations == ends[1].iterations
+    assert ends[0].iterations == ends[1].iterations == ends[2].iterations
     assert ends[0].q == pytest.approx(ends[1].q, abs=1e-6)
+    assert ends[0].q == pytest.approx(ends[2].q, abs=1e-6)
 
 
 @pytest.mark.parametrize("task", ["position", "pose"])
@@ -210,7 +217,7 @@ TURN = 2 * np.pi
 
 def passes(prismatic=False, low=-np.inf, high=np.inf):
     """The step of an arm with one joint, whose changes stop at these limits."""
-    step = _Passes(None, 0.0)
+    step = Passes(None, 0.0)
     step._prismatic, step._position_weight = [prismatic], 1.0
     step._low, step._high = np.array([low]), np.array([high])
     return step
@@ -229,7 +236,7 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     hinge, end, other_end = (random_hinge(rng) for _ in range(3))
     heavy, light = rng.uniform(0.1, 2, 2)
     wanted = pp.pose(rng.normal(size=3), rng.normal(size=3)).homogeneous
-    weight = _Passes(None, 0.0)._constants.HINGE_HALF_LENGTH ** 2
+    weight = FABRIK.HINGE_HALF_LENGTH**2
     ends = [(heavy, end), (light, other_end[:1])]
 
     def miss(kind, value):

@@ -224,26 +224,61 @@ NewArray measure_batch(const Task& task, const Stack& targets, const Stack& pose
 
 std::tuple<NewArray, NewArray> residual_and_jacobian(const Task& task, const Matrix& target_from_tcp,
                                                      const Matrix& in_target_axes) {
-    const Frame frame = frame_of(transform("target_from_tcp", target_from_tcp));
+    const Frame frame = frame_of(read_transform(shaped("target_from_tcp", target_from_tcp, {4, 4}).data()));  // may be NaN
     Jacobian jacobian = read_jacobian("in_target_axes", in_target_axes);
     task.apply(frame, jacobian);
     const auto [v, w] = task.residual(frame);
     return {array_of(std::array{v[0], v[1], v[2], w[0], w[1], w[2]}), jacobian_array(jacobian)};
 }
 
+Twist read_twist(const char* name, const Vector& twist) {
+    const auto v = shaped(name, twist, {6});
+    return {Double4{v[0], v[1], v[2], 0.0}, Double4{v[3], v[4], v[5], 0.0}};
+}
+
+// The step (n,) of a rule for a residual, whose Jacobian is (6, n); `run` receives both and the step.
+template <class Run>
+NewArray step_of(const Vector& residual, const Matrix& jacobian, Run run) {
+    const Jacobian columns = read_jacobian("jacobian", jacobian);
+    Doubles step(columns.size());
+    run(read_twist("residual", residual), columns, step);
+    return array_of(step);
+}
+
+NewArray fabrik_passes(const Chain& chain, const std::vector<JointRange>& ranges, const Task& task,
+                       const Matrix& target_from_base, const Vector& q, int iteration, int waited) {
+    require_size("ranges", ranges.size(), chain.dof);
+    if (chain.has_mimic_joints()) refuse("FABRIK does not support mimic joints");
+    const double* here = shaped("q", q, {chain.dof}).data();
+    Posture posture(chain);
+    posture.evaluate(chain, frame_of(transform("target_from_base", target_from_base)), here);
+    Doubles step(chain.dof);
+    FabrikPasses(chain.joints.size()).step(chain, ranges, task, posture, here, iteration, waited, step);
+    return array_of(step);
+}
+
 void bind_methods(nb::module_& module) {
-    auto clik = nb::class_<ClikStep>(module, "ClikStep", "The step of Clik.").def(nb::init<double>(), "damping"_a);
-    constants(clik, "GROWTH", ClikStep::kGrowth, "RELIEF", ClikStep::kRelief, "MOST_GROWTHS", ClikStep::kMostGrowths,
-              "SMALLEST_DAMPING", ClikStep::kSmallestDamping);
-    auto singular = nb::class_<SingularStep>(module, "SingularStep", "That of PseudoInverse and DampedLeastSquares.")
-                        .def(nb::init<double, double, double>(), "cutoff"_a, "damping"_a, "region"_a);
-    constants(singular, "NOTHING", SingularStep::kNothing);
-    auto fabrik = nb::class_<FabrikStep>(module, "FabrikStep", "The step of FABRIK.")
-                      .def(nb::init<ClikStep, double>(), "end"_a, "squared_handover"_a);
-    constants(fabrik, "HINGE_HALF_LENGTH", FabrikStep::kHingeHalfLength, "HOLD", FabrikStep::kHold, "HOLD_POSED",
-              FabrikStep::kHoldPosed, "REACH", FabrikStep::kReach, "RELAX_HOLD", FabrikStep::kRelaxHold, "RELAX_REACH",
-              FabrikStep::kRelaxReach, "BASE", FabrikStep::kBase, "AIM", FabrikStep::kAim, "WAIT", FabrikStep::kWait,
-              "BEND", FabrikStep::kBend, "STILL", FabrikStep::kStill, "TINY", FabrikStep::kTiny);
+    auto clik = nb::class_<ClikStep>(module, "ClikStep", "The step of Clik.")
+        .def(nb::init<double>(), "damping"_a)
+        .def("step", [](const ClikStep& rule, double growth, double longest, double squared_residual,
+                        const Vector& residual, const Matrix& jacobian) {
+            return step_of(residual, jacobian, [&](const Twist& pull, const Jacobian& columns, Doubles& step) {
+                rule(growth, longest, squared_residual, pull, columns, step);
+            });
+        }, "growth"_a, "longest"_a, "squared_residual"_a, "residual"_a, "jacobian"_a);
+    constants(clik, "GROWTH", ClikStep::kGrowth, "RELIEF", ClikStep::kRelief);
+    nb::class_<SingularStep>(module, "SingularStep", "That of PseudoInverse and DampedLeastSquares.")
+        .def(nb::init<double, double, double>(), "cutoff"_a, "damping"_a, "region"_a)
+        .def("step", [](const SingularStep& rule, const Vector& residual, const Matrix& jacobian) {
+            return step_of(residual, jacobian, [&](const Twist& pull, const Jacobian& columns, Doubles& step) {
+                SingularValues decomposition(columns.size());
+                rule(pull, columns, decomposition, step);
+            });
+        }, "residual"_a, "jacobian"_a);
+    nb::class_<FabrikStep>(module, "FabrikStep", "The step of FABRIK.")
+        .def(nb::init<ClikStep, double>(), "end"_a, "squared_handover"_a)
+        .def_static("passes", &fabrik_passes, "chain"_a, "ranges"_a, "task"_a, "target_from_base"_a, "q"_a,
+                    "iteration"_a, "waited"_a);
 
     bind_struct<JointRange>(module, "JointRange",
                             "The limits of a joint; periodic: q and q + 2 pi are the same pose; wraps: with a range of "
@@ -337,11 +372,10 @@ class OwningTracker {
 
 nb::tuple box_step(const Matrix& a, const Vector& pull, double shift, const Vector& lower, const Vector& upper) {
     const Jacobian columns = read_jacobian("a", a);
-    const auto p = shaped("pull", pull, {6});
     BoxStep step(columns.size());
     step.lower = list_of(shaped("lower", lower, {columns.size()}));
     step.upper = list_of(shaped("upper", upper, {columns.size()}));
-    const double gain = step.solve(shift, columns, {Double4{p[0], p[1], p[2], 0.0}, Double4{p[3], p[4], p[5], 0.0}});
+    const double gain = step.solve(shift, columns, read_twist("pull", pull));
     return nb::make_tuple(array_of(step.step()), column<double>(step.held(), std::identity{}), gain);
 }
 

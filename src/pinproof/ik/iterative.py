@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import IkSolver, JointRange
+from pinproof._core import IkSolver
 from pinproof._core import Search as CompiledSearch
 from pinproof.common.structs import key, struct
 from pinproof.common.validation import Rng, require_integer, require_type
@@ -28,7 +28,17 @@ from pinproof.ik.loop import (
     keep,
     seeds_of,
 )
-from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkSolutions, IkStatus, difference, not_found, plural, wraps
+from pinproof.ik.result import (
+    STATUSES,
+    IkBatch,
+    IkResult,
+    IkSolutions,
+    IkStatus,
+    difference,
+    joint_ranges,
+    not_found,
+    plural,
+)
 from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
@@ -300,10 +310,9 @@ class IterativeIk(ABC):
                 why = "this method has no compiled rule" if usable else "on_step requires the loop on Pinocchio"
                 raise InputError(f"engine='compiled' is not available: {why}; use engine='auto'")
             return None
-        ranges = zip(arm.limits.lower, arm.limits.upper, arm.periodic.tolist(), wraps(arm).tolist(), strict=True)
         solver = IkSolver(
             arm.chain,
-            [JointRange(*each) for each in ranges],
+            joint_ranges(arm),
             task=task.compiled,
             rule=rule,
             max_iterations=self.max_iterations,

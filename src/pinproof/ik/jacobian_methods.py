@@ -7,7 +7,7 @@ import numpy as np
 from pinproof._core import ClikStep, SingularStep
 from pinproof.common.structs import key, struct
 from pinproof.ik.iterative import IterativeIk
-from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, ObservingRule, StepRule
+from pinproof.ik.loop import DescentState, ObservingRule, StepRule
 from pinproof.spatial import Array
 
 
@@ -34,9 +34,9 @@ class Clik(IterativeIk):
 
     def step_rule(self) -> ObservingRule:
         """The damped least-squares step with these settings."""
-        return _DampedStep(self.damping, self.max_step)
+        return _DampedStep(self.compiled_rule(), self.max_step)
 
-    def compiled_rule(self) -> CompiledRule:
+    def compiled_rule(self) -> ClikStep:
         """The compiled form of :meth:`step_rule`."""
         return ClikStep(self.damping)
 
@@ -44,30 +44,18 @@ class Clik(IterativeIk):
 class _DampedStep:
     """The step rule of :class:`Clik`, with the current factor of its damping."""
 
-    def __init__(self, damping: float, max_step: float) -> None:
-        self._constants = ClikStep
-        self._damping, self._max_step = damping, max_step
+    def __init__(self, rule: ClikStep, max_step: float) -> None:
+        self._rule, self._max_step = rule, max_step
         self._last, self._growth = np.inf, 1.0
 
     def observe(self, here: DescentState) -> None:
         # damping grows after a step that increased the error, and is relieved otherwise
-        better = here.squared_residual < self._last
-        reduced = max(1.0, self._growth * self._constants.RELIEF)
-        self._growth = reduced if better else self._growth * self._constants.GROWTH
+        better, rule = here.squared_residual < self._last, self._rule
+        self._growth = max(1.0, self._growth * rule.RELIEF) if better else self._growth * rule.GROWTH
         self._last = here.squared_residual
-        self._squared_residual = min(here.squared_residual, 1.0)
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
-        # more damping until the step is not longer than the bound
-        square = jacobian @ jacobian.T
-        damping = 0.5 * self._growth * self._damping * self._squared_residual + self._constants.SMALLEST_DAMPING
-        step = np.zeros(jacobian.shape[1])
-        for _ in range(self._constants.MOST_GROWTHS):
-            step = -jacobian.T @ np.linalg.solve(square + damping * np.eye(6), residual)
-            if np.abs(step).max() <= self._max_step:
-                break
-            damping *= self._constants.GROWTH
-        return np.asarray(step)
+        return self._rule.step(self._growth, self._max_step, min(self._last, 1.0), residual, jacobian)
 
 
 @struct(kw_only=True)
@@ -93,9 +81,9 @@ class DampedLeastSquares(IterativeIk):
 
     def step_rule(self) -> StepRule:
         """The damped least-squares step."""
-        return _SingularStep(0.0, self.damping, self.region)
+        return self.compiled_rule().step
 
-    def compiled_rule(self) -> CompiledRule:
+    def compiled_rule(self) -> SingularStep:
         """The compiled form of :meth:`step_rule`."""
         return SingularStep(0.0, self.damping, self.region)
 
@@ -118,26 +106,8 @@ class PseudoInverse(IterativeIk):
 
     def step_rule(self) -> StepRule:
         """The pseudo-inverse step."""
-        return _SingularStep(self.cutoff, 0.0, 1.0)
+        return self.compiled_rule().step
 
-    def compiled_rule(self) -> CompiledRule:
+    def compiled_rule(self) -> SingularStep:
         """The compiled form of :meth:`step_rule`."""
         return SingularStep(self.cutoff, 0.0, 1.0)
-
-
-class _SingularStep:
-    """The step rule of :class:`DampedLeastSquares` and :class:`PseudoInverse`, from the singular values of A."""
-
-    def __init__(self, cutoff: float, damping: float, region: float) -> None:
-        self._cutoff, self._damping, self._region = cutoff, damping, region
-
-    def __call__(self, residual: Array, jacobian: Array) -> Array:
-        # rows that the task does not select and columns of held joints are zero, and reduce the rank
-        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        nonzero = np.abs(jacobian) > NOTHING
-        rank = min(nonzero.any(axis=1).sum(), nonzero.any(axis=0).sum())
-        share = (values[rank - 1] if rank else 0.0) / self._region
-        squared = self._damping**2 * float(np.linalg.norm(residual)) * (1 - share**2) if share < 1 else 0.0
-        kept = values > max(self._cutoff * values[0], NOTHING)
-        factors = values[kept] / (values[kept] ** 2 + squared)
-        return np.asarray(-right[kept].T @ (factors * (left[:, kept].T @ residual)))

@@ -83,7 +83,6 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
     return keep(_SEEDS, arm, rng, seeds, SETS_KEPT) if type(rng) is int else seeds
 
 
-NOTHING: float = SingularStep.NOTHING
 SATURATION: float = IkSolver.SATURATION
 SMALLEST_STEP: float = IkSolver.SMALLEST_STEP
 GOAL_CONVERGED: float = IkSolver.GOAL_CONVERGED
@@ -266,7 +265,9 @@ class PinocchioSearch:
             # the residual, and whether q is the best configuration so far
             base_from_tcp, local = arm.local_jacobian(q)
             target_from_tcp = matrix(self._target.actInv(base_from_tcp))
-            residual = task.residual(target_from_tcp)
+            rotation = target_from_tcp[:3, :3]
+            in_target_axes = np.vstack([rotation @ local[:3], rotation @ local[3:]])
+            residual, jacobian = task.compiled.residual_and_jacobian(target_from_tcp, in_target_axes)
             squared = float(residual.dot(residual))
             satisfied = task.reached(residual)
             # A step for a cost that increased it, because the solutions are curved, is undone and made half as long.
@@ -294,8 +295,6 @@ class PinocchioSearch:
             # the step of the rule, for a residual that is not so long that its linearisation means nothing
             if observe is not None:
                 observe(DescentState(arm, self._target, task, q, squared, iteration, iteration - marked_at))
-            rotation = target_from_tcp[:3, :3]
-            jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
             limited = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
             goal_step = share * goal.step(arm, q, jacobian) if satisfied and goal is not None else np.zeros(arm.dof)
             step = self._step_within_limits(q, limited, jacobian, goal_step, rule)

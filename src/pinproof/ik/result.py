@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import JointRange
 from pinproof.common.results import Answer, Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import freeze_arrays
@@ -42,6 +43,13 @@ def stops(arm: Arm) -> tuple[Array, Array]:
     """(n,) lower and upper limits at which a descent stops a joint; infinite for the joints of :func:`wraps`."""
     wrapping = wraps(arm)
     return np.where(wrapping, -np.inf, arm.limits.lower), np.where(wrapping, np.inf, arm.limits.upper)
+
+
+def joint_ranges(arm: Arm) -> list[JointRange]:
+    """The limits of the n joints for the compiled core."""
+    limits = arm.limits
+    ranges = zip(limits.lower, limits.upper, arm.periodic.tolist(), wraps(arm).tolist(), strict=True)
+    return [JointRange(*each) for each in ranges]
 
 
 def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:

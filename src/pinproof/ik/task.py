@@ -79,19 +79,6 @@ class Task:
     position_tolerance: float
     orientation_tolerance: float
 
-    def residual(self, target_from_tcp: Array) -> Array:
-        """(6,) the residual at the pose E (4, 4); zero at a solution."""
-        e = np.concatenate([target_from_tcp[:3, 3], rotation_vector(target_from_tcp[:3, :3])])
-        return np.asarray(e * self.mask)
-
-    def jacobian(self, target_from_tcp: Array, in_target_axes: Array) -> Array:
-        """(6, n) the derivative of :meth:`residual`, from the Jacobian of the tcp (6, n) in the axes of the target."""
-        rows = in_target_axes * self.mask[:, None]
-        if 0 < self.mask[3:].sum() < 3:
-            inverse = left_jacobian_inverse(rotation_vector(target_from_tcp[:3, :3]))
-            rows[3:] = (inverse @ in_target_axes[3:]) * self.mask[3:, None]
-        return np.asarray(rows)
-
     def reached(self, residual: Array) -> bool:
         """Whether a residual (6,) is within the tolerances."""
         linear, angular = residual[:3], residual[3:]
@@ -156,38 +143,7 @@ def _made(task: str | IkTask, position_tolerance: float, orientation_tolerance: 
     return Task(flags, position_tolerance, orientation_tolerance)
 
 
-def rotation_vector(r: Array) -> Array:
-    """The rotation vector (3,), axis times angle from 0 to pi, of a rotation (3, 3).
-
-    The angle is computed from sine and cosine together, which is accurate to rounding both for small angles and near
-    pi; the arccosine of the trace alone is inaccurate below 1e-8. Near pi the axis is computed from R + R^T.
-    """
-    # the axis times twice the sine of the angle
-    twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    sine, cosine = float(np.linalg.norm(twice)) / 2, (float(np.trace(r)) - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    if cosine >= -0.99:
-        return np.asarray(twice / 2 * (angle / sine if sine > 1e-6 else 1.0))
-    # the largest diagonal entry of R + R^T belongs to the largest component of the axis
-    column = int(np.diag(r).argmax())
-    axis = r[:, column] + r[column] - 2 * cosine * np.eye(3)[column]
-    axis *= angle / np.linalg.norm(axis)
-    return np.asarray(-axis if axis @ twice < 0 else axis)
-
-
-def left_jacobian_inverse(v: Array) -> Array:
-    """The inverse (3, 3) of the left Jacobian of SO(3) at a rotation vector (3,) shorter than 2 pi."""
-    square = float(v @ v)
-    angle = np.sqrt(square)
-    c = 1 / 12 if angle < 1e-3 else (1 - 0.5 * angle / np.tan(0.5 * angle)) / square
-    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.asarray(np.eye(3) - 0.5 * cross + c * (cross @ cross))
-
-
 GoalName = Literal["centre", "near", "manipulability"]
-
-FINITE_STEP = 1e-5
-"""Rad or m, for central differences of the manipulability."""
 
 TINY = 1e-14
 """Added to the squares of the singular values, so that the logarithm is finite at singularities."""
@@ -244,15 +200,8 @@ class Goal:
         return CompiledGoal(self.kind, self.gain, self.posture, self.weight)
 
     def step(self, arm: Arm, q: Array, jacobian: Array) -> Array:  # noqa: ARG002 - it is projected by the rule
-        """The step (n,) at q before its projection into the null space; equal to that of :attr:`compiled`."""
-        if self.kind == "manipulability":
-            shifts = FINITE_STEP * np.eye(arm.dof)
-            rises = [_log_manipulability(arm, q + shift) - _log_manipulability(arm, q - shift) for shift in shifts]
-            step = self.gain * np.array(rises) / (2 * FINITE_STEP)
-        else:
-            step = self.gain * self.weight * (self.posture - q)
-        largest = float(np.abs(step).max())
-        return np.asarray(step * (LONGEST_GOAL_STEP / largest) if largest > LONGEST_GOAL_STEP else step)
+        """The step (n,) at q before its projection into the null space."""
+        return self.compiled.step(arm.chain, q)
 
 
 Cost: TypeAlias = Callable[[Array], float]
@@ -372,9 +321,3 @@ def make_goal(goal: GoalLike | None, arm: Arm, q0: Array) -> Goal | CostGoal | N
     share = (upper - lower).min() / np.maximum(upper - lower, 1e-9)
     weight = np.where(np.isfinite(arm.limits.upper - arm.limits.lower), share**2, 0.0)
     return Goal("posture", gain, (lower + upper) / 2, weight)
-
-
-def _log_manipulability(arm: Arm, q: Array) -> float:
-    jacobian = arm.local_jacobian(q)[1]
-    square = jacobian.T @ jacobian if arm.dof < 6 else jacobian @ jacobian.T
-    return 0.5 * float(np.linalg.slogdet(square + TINY * np.eye(len(square)))[1])

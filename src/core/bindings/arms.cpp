@@ -10,7 +10,6 @@
 #include "bindings/structs.h"
 #include "geometry/rotations.h"
 #include "geometry/sincos.h"
-#include "ik/batch.h"
 #include "ik/box_descent.h"
 #include "ik/search.h"
 #include "ik/tracker.h"
@@ -214,11 +213,8 @@ NewArray measure_batch(const Task& task, const Stack& targets, const Stack& pose
     const double* from = shaped("targets", targets, {kAny, 4, 4}).data();
     const double* to = shaped("poses", poses, {rows, 4, 4}).data();
     std::vector<PoseError> errors;
-    {
-        nb::gil_scoped_release release;
-        for (std::size_t i = 0; i < rows; ++i)
-            errors.push_back(measure(task, read_transform(from + 16 * i), read_transform(to + 16 * i)));
-    }
+    for (std::size_t i = 0; i < rows; ++i)
+        errors.push_back(measure(task, read_transform(from + 16 * i), read_transform(to + 16 * i)));
     return table(errors, &PoseError::position, &PoseError::orientation);
 }
 

@@ -125,6 +125,13 @@ inline Transform transform(const char* name, const Matrix& matrix) {
     return read_transform(finite(name, matrix, {4, 4}).data());
 }
 
+// The result of a function that runs without the GIL.
+template <class Function>
+auto without_gil(Function function) {
+    nb::gil_scoped_release release;
+    return function();
+}
+
 // An array of a result; Python cannot change it if its numbers are constant.
 template <class Number>
 struct NewArrayOf : nb::ndarray<nb::numpy, Number> {

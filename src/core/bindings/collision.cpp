@@ -5,8 +5,6 @@
 
 #include "bindings/structs.h"
 #include "collision/cells.h"
-#include "collision/hull_space.h"
-#include "collision/line_entry.h"
 #include "collision/mesh.h"
 #include "collision/near.h"
 #include "collision/occupancy.h"
@@ -104,20 +102,14 @@ void bind_shapes(nb::module_& module) {
                         inside[i] = shape.mesh != nullptr && shape.mesh->contains({p[0], p[1], p[2]});
                 });
             }, "points"_a, "(N,) whether points (N, 3) are inside a closed mesh.")
-        .def_prop_ro("corners", [](const Shape& shape) {
-                std::vector<double> numbers;
-                if (shape.mesh != nullptr)
-                    for (const Triangle& triangle : shape.mesh->triangles)
-                        for (const Vec3& p : triangle.corners) numbers.insert(numbers.end(), {p.x, p.y, p.z});
-                return rows_of(numbers, 9);
-            }, "(F, 9) the triangles of a mesh in the order in which the core numbers them.")
         .def_prop_ro("triangles", [](const Shape& shape) {
                 const std::size_t count = shape.mesh ? shape.mesh->triangles.size() : 0;
                 return filled<double>({count, 3, 3}, [&](double* out) {
                     for (std::size_t i = 0; i < 3 * count; ++i)
                         for (int k = 0; k < 3; ++k) *out++ = shape.mesh->triangles[i / 3].corners[i % 3][k];
                 });
-            }, "(F, 3, 3) the triangles of a mesh, in the order of its tree: each half of them is close together.")
+            }, "(F, 3, 3) the triangles of a mesh in the order in which the core numbers them, that of its tree: each half of "
+            "them is close together.")
         .def_ro("centre", &Shape::centre, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     module.def("first_equal_points", [](const Matrix& points) {

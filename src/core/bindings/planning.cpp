@@ -115,11 +115,8 @@ void bind_manifold(nb::module_& module) {
                 const auto from = finite("a", a, {self.dof()}), to = finite("b", b, {self.dof()});
                 positive("step", step);
                 Doubles path = list_of(from);
-                {
-                    nb::gil_scoped_release release;
-                    if (!self.connect(edges, from.data(), to.data(), step, most, path)) path.clear();
-                }
-                if (path.empty()) return std::nullopt;
+                if (!without_gil([&] { return self.connect(edges, from.data(), to.data(), step, most, path); }))
+                    return std::nullopt;
                 return rows_of(path, self.dof());
             }, "edges"_a, "a"_a, "b"_a, "step"_a, "most"_a,
             "Waypoints (k, n) from a to b along the constraints with free edges, not longer than `most`, or None.");
@@ -335,12 +332,7 @@ void bind_planning(nb::module_& module) {
     bind_staggered_moves(module);
     module.def("shortcut", [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
             const auto points = shaped("path", path, {kSome, edges.dof()}), numbers = draws_of(draws, 2);
-            Doubles shorter;
-            {
-                nb::gil_scoped_release release;
-                shorter = shortened_path(edges, points, numbers);
-            }
-            return rows_of(shorter, edges.dof());
+            return rows_of(without_gil([&] { return shortened_path(edges, points, numbers); }), edges.dof());
         }, "edges"_a, "path"_a, "draws"_a,
         "A shorter path (k, n) with the same ends, from random numbers (attempts, 2) in [0, 1).");
     module.def(
@@ -350,12 +342,8 @@ void bind_planning(nb::module_& module) {
             const auto numbers = draws_of(draws, kTourDraws);
             TourProblem problem = problem_of(job, time, pairs);
             const std::vector<int> start = first_of(problem, first);
-            std::vector<int> tour;
-            {
-                nb::gil_scoped_release release;
-                tour = search_tour(std::move(problem), start, numbers);
-            }
-            return array_of<std::int64_t>(tour);
+            return array_of<std::int64_t>(
+                without_gil([&] { return search_tour(std::move(problem), start, numbers); }));
         }, "job"_a, "time"_a, "pairs"_a, "first"_a, "draws"_a,
         "A short tour: the option of each job in order (n,), from the jobs of all options (M,), the times between them "
         "and home (M + 1, M + 1), pairs of jobs in a fixed order (K, 2), a first tour (n,), and random numbers "

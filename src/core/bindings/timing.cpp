@@ -197,11 +197,7 @@ NewArray tool_stretch_of(const DynamicTree& model, const Stack& position, const 
 template <std::vector<Peak> (*peaks_of)(const DynamicTree&, const TimedCurve&)>
 nb::tuple peaks(const DynamicTree& model, const Stack& position, const Stack& velocity, const Stack& acceleration) {
     const TimedCurve curve = read_curve(model, position, velocity, acceleration);
-    std::vector<Peak> found;
-    {
-        nb::gil_scoped_release release;
-        found = peaks_of(model, curve);
-    }
+    const std::vector<Peak> found = without_gil([&] { return peaks_of(model, curve); });
     return nb::make_tuple(column<double>(found, &Peak::bound), column<std::int64_t>(found, &Peak::piece),
                           column<double>(found, &Peak::fraction));
 }
@@ -304,11 +300,7 @@ void bind_grip(nb::module_& module) {
         .def("peak", [](const Grip& grip, const DynamicTree& model, const Stack& position, const Stack& velocity,
                         const Stack& acceleration) {
                 const TimedCurve curve = read_curve(model, position, velocity, acceleration);
-                Peak peak;
-                {
-                    nb::gil_scoped_release release;
-                    peak = grip_peak(model, curve, grip);
-                }
+                const Peak peak = without_gil([&] { return grip_peak(model, curve, grip); });
                 return nb::make_tuple(peak.bound, peak.piece, peak.fraction);
             }, "model"_a, "position"_a, "velocity"_a, "acceleration"_a,
              "A bound of the largest share over a curve, and the piece and the fraction of it where it occurs.");

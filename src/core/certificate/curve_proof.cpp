@@ -45,14 +45,12 @@ Vec3 direction_between_boxes(const PlacedBody& a, const Shape& shape_a, const Pl
 
 }  // namespace
 
-struct CurveProof::Summary {
-    // Of the pairs that are proven.
-    double proven, joint_tube, obstacle_tube;
-    // Of the pairs that stay open.
+// The limits are those of the pairs that are proven so far, and `of_open` those of the pairs that stay open.
+struct CurveProof::Summary : ProvenLimits {
+    ProvenLimits of_open;
     bool all_pairs_open = false;     // instead of a list
     std::size_t list = 0, open = 0;  // where they are in lists_
     double step = 0.0;               // the largest approach that is due to the curve, not to tolerances
-    double open_proven = kInfinity, open_joint_tube = kInfinity, open_obstacle_tube = kInfinity;
     double weakest = kInfinity;  // the smallest proven clearance beyond the margin
     int weakest_pair = -1;
     double weakest_distance = kInfinity;
@@ -92,10 +90,7 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         stack_.pop_back();
         const double* control = part_.data();
         const Middle middle = place_middle(interval, control);
-        Summary sum;
-        sum.proven = state_.proven;
-        sum.joint_tube = state_.joint_tube;
-        sum.obstacle_tube = state_.obstacle_tube;
+        Summary sum{state_};
         ++state_.intervals;
         if (is_wide(interval)) {
             find_contact(sum);
@@ -103,9 +98,7 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
             if (interval.all_pairs) list_pairs(interval);
             judge_pairs(interval, sum);
         }
-        state_.proven = sum.proven;
-        state_.joint_tube = sum.joint_tube;
-        state_.obstacle_tube = sum.obstacle_tube;
+        state_.include(sum);
         if (sum.contact >= 0) {
             state_.contact = FoundContact{middle.time, sum.contact, middle_};
             stack_.clear();
@@ -418,20 +411,17 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
     const double certain = lower - approach.distance - space.rounding;
     const double slack = certain - margin;
     const double tube = approach.growth > 0.0 ? std::min(growth_range, slack / approach.growth) : growth_range;
+    const ProvenLimits limits{certain - moved, tube, pair.with_obstacle ? slack : kInfinity};
     if (settings_.record && slack > 0.0)
         state_.evidence.push_back({interval.start, interval.end, k, certain, direction});
     if (certain > goal) {
-        sum.proven = std::min(sum.proven, certain - moved);
-        sum.joint_tube = std::min(sum.joint_tube, tube);
-        if (pair.with_obstacle) sum.obstacle_tube = std::min(sum.obstacle_tube, slack);
+        sum.include(limits);
         return;
     }
     if (sum.list + sum.open == lists_.size()) lists_.emplace_back();
     lists_[sum.list + sum.open++] = k;
     sum.step = std::max(sum.step, approach.bare);
-    sum.open_proven = std::min(sum.open_proven, certain - moved);
-    sum.open_joint_tube = std::min(sum.open_joint_tube, tube);
-    if (pair.with_obstacle) sum.open_obstacle_tube = std::min(sum.open_obstacle_tube, slack);
+    sum.of_open.include(limits);
     if (!(slack >= sum.weakest)) {
         sum.weakest = std::isnan(slack) ? -kInfinity : slack;  // NaN proves nothing, whichever pair comes after it.
         sum.weakest_pair = k;
@@ -442,9 +432,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
 // End the work on an interval with open pairs that is not bisected. False: the proof ends.
 bool CurveProof::decide(const Interval& interval, const Summary& sum) {
     if (sum.weakest > 0.0) {  // Less than the fraction that was requested, but proven.
-        state_.proven = std::min(state_.proven, sum.open_proven);
-        state_.joint_tube = std::min(state_.joint_tube, sum.open_joint_tube);
-        state_.obstacle_tube = std::min(state_.obstacle_tube, sum.open_obstacle_tube);
+        state_.include(sum.of_open);
         return true;
     }
     if (!state_.open) {

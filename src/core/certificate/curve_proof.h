@@ -6,6 +6,7 @@
 // the contact is proven or the tolerance is reached.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -50,15 +51,25 @@ struct OpenSpan {
     double distance;  // m; infinity if it was not measured
 };
 
-struct ProofState {
+// The smallest values that are proven over some pairs and intervals.
+struct ProvenLimits {
     static constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-    std::int64_t intervals = 0;
-    double observed = kInfinity;       // the smallest distance (m) found
-    double spare = kInfinity;          // the smallest difference (m) of distance and margin found
     double proven = kInfinity;         // the smallest proven distance (m)
     double joint_tube = kInfinity;     // by how much each joint could deviate with the proof still valid (rad or m)
     double obstacle_tube = kInfinity;  // the same for obstacles (m)
+
+    void include(const ProvenLimits& other) {
+        proven = std::min(proven, other.proven);
+        joint_tube = std::min(joint_tube, other.joint_tube);
+        obstacle_tube = std::min(obstacle_tube, other.obstacle_tube);
+    }
+};
+
+struct ProofState : ProvenLimits {
+    std::int64_t intervals = 0;
+    double observed = kInfinity;       // the smallest distance (m) found
+    double spare = kInfinity;          // the smallest difference (m) of distance and margin found
     std::optional<FoundContact> contact;
     std::optional<OpenSpan> open;  // the first undecided span
     std::vector<Evidence> evidence;

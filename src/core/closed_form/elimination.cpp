@@ -48,13 +48,6 @@ struct LinearSystem {
 
 }  // namespace
 
-Transform motion_of(const LoopLine& line, double value) {
-    if (line.prismatic) return {{}, value * line.direction};
-    const auto [sine, cosine] = sincos(value);
-    const Mat3 rotation = rotation_about(line.direction, sine, cosine);
-    return {rotation, line.point - rotation * line.point};
-}
-
 PolishedLoop polish_loop(const LoopLine (&lines)[6], const Transform& g, double (&q)[6]) {
     const Vec3& reference = lines[5].point;
     const Vec3 wanted = g * reference;

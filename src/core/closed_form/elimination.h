@@ -38,7 +38,7 @@
 #include <limits>
 
 #include "algebra/eigenvalues.h"
-#include "geometry/vectors.h"
+#include "geometry/rotations.h"
 
 namespace pinproof {
 
@@ -48,7 +48,9 @@ struct LoopLine {
     bool prismatic = false;
 };
 
-Transform motion_of(const LoopLine& line, double value);
+inline Transform motion_of(const LoopLine& line, double value) {
+    return motion_of_joint(line.direction, line.point, line.prismatic, value);
+}
 
 struct PolishedLoop {
     double residual;  // lengths of the arm and rad

@@ -50,6 +50,14 @@ struct Equations {
     double k[2];
     Unknown x, y;
 
+    // Equation i states that h . m(x) = h . k(y), for the curves of both joints.
+    void equate_along(int i, const Vec3& h, const Curve& m, const Curve& k_of_y) {
+        f.m[i][0] = dot(h, m.first);
+        f.m[i][1] = dot(h, m.second);
+        g.m[i][0] = -dot(h, k_of_y.first);
+        g.m[i][1] = -dot(h, k_of_y.second);
+        k[i] = dot(h, m.centre) - dot(h, k_of_y.centre);
+    }
     double residual(int i, const JointState& sx, const JointState& sy) const {
         return f.row_times(i, sx) + g.row_times(i, sy) + k[i];
     }
@@ -75,11 +83,7 @@ Problem planar_problem(const Loop& loop) {
         e.k[1] = dot(c.direction, k.centre) - dot(c.direction, moved_n);
         return {e, m, k};
     }
-    e.f.m[0][0] = dot(b.direction, m.first);
-    e.f.m[0][1] = dot(b.direction, m.second);
-    e.g.m[0][0] = -dot(b.direction, k.first);
-    e.g.m[0][1] = -dot(b.direction, k.second);
-    e.k[0] = dot(b.direction, m.centre) - dot(b.direction, k.centre);
+    e.equate_along(0, b.direction, m, k);
 
     const Vec3 arm = b.point - a.point, lever = c.point - b.point;
     e.k[1] = -dot(n, loop.point);
@@ -107,25 +111,14 @@ Problem spherical_problem(const Loop& loop) {
     Curve m = point_curve(c, Sense::forward, loop.moved_point), k = point_curve(a, Sense::backward, loop.point);
     Equations e{{}, {}, {}, {c.prismatic, Loop::kC}, {a.prismatic, Loop::kA}};
     if (b.prismatic) {
-        const Vec3 along0 = unit_perpendicular(b.direction), along1 = cross(b.direction, along0);
-        const Vec3 gap = m.centre - k.centre;
-        for (int i = 0; i < 2; ++i) {
-            const Vec3& along = i == 0 ? along0 : along1;
-            e.f.m[i][0] = dot(along, m.first);
-            e.f.m[i][1] = dot(along, m.second);
-            e.g.m[i][0] = -dot(along, k.first);
-            e.g.m[i][1] = -dot(along, k.second);
-            e.k[i] = dot(along, gap);
-        }
+        const Vec3 along = unit_perpendicular(b.direction);
+        e.equate_along(0, along, m, k);
+        e.equate_along(1, cross(b.direction, along), m, k);
         return {e, m, k};
     }
     m.centre -= b.point;
     k.centre -= b.point;
-    e.f.m[0][0] = dot(b.direction, m.first);
-    e.f.m[0][1] = dot(b.direction, m.second);
-    e.g.m[0][0] = -dot(b.direction, k.first);
-    e.g.m[0][1] = -dot(b.direction, k.second);
-    e.k[0] = dot(b.direction, m.centre) - dot(b.direction, k.centre);
+    e.equate_along(0, b.direction, m, k);
     // |centre + first s_1 + second s_2|^2 with |first| = |second| and first . second = 0 on a circle; s_2 = s_1^2 on a line
     e.f.m[1][0] = 2.0 * dot(m.centre, m.first);
     e.f.m[1][1] = c.prismatic ? 1.0 : 2.0 * dot(m.centre, m.second);

@@ -30,7 +30,9 @@ Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(worl
     likely_.fill(-1);
     for (int k : world_->own) {
         const Pair& pair = world_->pair(k);
-        own_.push_back({pair.a, pair.b, world_->shape(pair.a).ball + world_->shape(pair.b).ball});
+        const double balls = world_->shape(pair.a).ball + world_->shape(pair.b).ball;
+        const double reach = balls + world_->margin(k) + world_->space().rounding;
+        own_.push_back({pair.a, pair.b, balls, reach * reach});
     }
     const Pages<ObstacleNode>& nodes = world_->space().obstacles->nodes;
     if (nodes.size() > 2 * kMostInRow) return;  // leaves are half of the nodes
@@ -48,7 +50,7 @@ Workspace::Workspace(std::shared_ptr<const World> world) : world_(std::move(worl
 // true.
 template <class Limit, class Visit>
 bool Workspace::visit_obstacles(int body, Limit limit, Visit visit) const {
-    const Vec3 centre = bodies_[body].centre;
+    const Vec3 centre = bodies_.of_robot(body).centre;
     const double ball = world_->shape(body).ball;
     const auto squared_reach = [&] {
         const double reach = ball + limit();
@@ -79,7 +81,7 @@ namespace {
 // follows from bounds that do not exceed that distance.
 
 struct AnyContact {
-    static constexpr bool kStopsAtContact = true;
+    static constexpr bool kStopsAtContact = true, kAsksForContact = true;
     static double limit(const World& world, int k) { return world.margin(k) + world.space().rounding; }
     static double limit_around(const World& world) { return world.widest_margin + world.space().rounding; }
     static double below(const World& world, int k) { return world.margin(k); }
@@ -91,7 +93,7 @@ struct AllContacts : AnyContact {
 };
 
 struct SmallestDistance {
-    static constexpr bool kStopsAtContact = false;
+    static constexpr bool kStopsAtContact = false, kAsksForContact = false;
     Nearest nearest;
 
     double limit(const World&, int) const { return nearest.upper; }
@@ -192,9 +194,11 @@ bool Workspace::ask(Question& question) {
     }
     for (std::size_t i = 0; i < world.own.size(); ++i) {
         // Most pairs are decided by their balls, without a root.
-        const auto [a, b, balls] = own_[i];
+        const auto& [a, b, balls, squared_reach] = own_[i];
+        const double squared = squared_norm(bodies_.of_robot(b).centre - bodies_.of_robot(a).centre);
+        if (Question::kAsksForContact && squared > squared_reach) continue;
         const double limit = question.limit(world, world.own[i]), reach = balls + limit;
-        if (squared_norm(bodies_[b].centre - bodies_[a].centre) > reach * reach) continue;
+        if (squared > reach * reach) continue;
         if (answers_now(world.own[i], limit)) return true;
     }
     return false;

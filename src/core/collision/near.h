@@ -83,10 +83,11 @@ private:
     template <class Limit, class Visit>
     bool visit_obstacles(int body, Limit limit, Visit visit) const;
 
-    // Two bodies of the robot that are checked, and the sum of their balls.
+    // Two bodies of the robot that are checked, the sum of their balls, and the square of the distance of their centres up
+    // to which they may be in contact.
     struct OwnPair {
         int a, b;
-        double balls;
+        double balls, squared_reach;
     };
 
     std::shared_ptr<const World> world_;

@@ -127,6 +127,7 @@ public:
         const auto number = static_cast<std::size_t>(body);
         return number < robot_.size() ? robot_[number] : geometry_->obstacle(body).placed;
     }
+    const PlacedBody& of_robot(int body) const { return robot_[static_cast<std::size_t>(body)]; }
     const Transform& joint(int k) const { return joints_[static_cast<std::size_t>(k)]; }
 
 private:

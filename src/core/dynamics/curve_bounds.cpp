@@ -165,28 +165,35 @@ LoadOnPart load_on(const Grip& grip, AlongCurve& along, const Part& part) {
     return found;
 }
 
+// Visit the parts of a piece, of which those for which `visit(part, may_bisect)` returns true are bisected.
+template <class Visit>
+void refine(const TimedCurve& curve, std::size_t piece, Visit visit) {
+    std::vector<Part> waiting{whole(curve, piece)};
+    for (std::size_t parts = 0; !waiting.empty(); ++parts) {
+        Part part = std::move(waiting.back());
+        waiting.pop_back();
+        if (!visit(part, parts < kMaxParts)) continue;
+        Part right;
+        bisect(curve, part, right);
+        waiting.push_back(std::move(right));
+        waiting.push_back(std::move(part));
+    }
+}
+
 // The bound on one piece of a quantity that `range_of(part)` encloses, refined down to `enough`.
 template <class RangeOf>
 double bound_on_piece(const TimedCurve& curve, std::size_t piece, double enough, RangeOf range_of,
                       double slack = kSlack) {
-    std::vector<Part> waiting{whole(curve, piece)};
     double bound = 0.0, seen = 0.0;
-    for (std::size_t parts = 0; !waiting.empty(); ++parts) {
-        Part part = std::move(waiting.back());
-        waiting.pop_back();
+    refine(curve, piece, [&](const Part& part, bool may_bisect) {
+        if (seen == kInfinity) return false;
         const Range range = range_of(part);
         seen = std::max(seen, range.attained());
-        if (seen == kInfinity) return kInfinity;
-        if (range.upper <= std::max(enough, seen * (1.0 + slack)) || parts >= kMaxParts) {
-            bound = std::max(bound, range.upper);
-        } else {
-            Part right;
-            bisect(curve, part, right);
-            waiting.push_back(std::move(right));
-            waiting.push_back(std::move(part));
-        }
-    }
-    return bound;
+        if (may_bisect && seen < kInfinity && !(range.upper <= std::max(enough, seen * (1.0 + slack)))) return true;
+        bound = std::max(bound, range.upper);
+        return false;
+    });
+    return seen == kInfinity ? kInfinity : bound;
 }
 
 // The peaks over the curve of the quantities that `ranges_of(part, ranges)` encloses.
@@ -209,26 +216,14 @@ std::vector<Peak> peaks_of(const TimedCurve& curve, std::size_t quantities, Rang
     for (std::size_t piece = 0; piece < curve.pieces; ++piece) evaluate(whole(curve, piece), piece);
     double most = 0.0;
     for (const Peak& peak : peaks) most = std::max(most, peak.attained);
-    std::vector<Part> waiting;
-    for (std::size_t piece = 0; piece < curve.pieces; ++piece) {
-        waiting.assign(1, whole(curve, piece));
-        for (std::size_t parts = 0; !waiting.empty(); ++parts) {
-            Part part = std::move(waiting.back());
-            waiting.pop_back();
+    for (std::size_t piece = 0; piece < curve.pieces; ++piece)
+        refine(curve, piece, [&](const Part& part, bool may_bisect) {
             evaluate(part, piece);
-            bool refine = false;
-            for (std::size_t i = 0; i < quantities; ++i)
-                refine = refine || ranges[i].upper > std::max(peaks[i].attained * (1.0 + slack), kNegligible * most);
-            if (refine && parts < kMaxParts) {
-                Part right;
-                bisect(curve, part, right);
-                waiting.push_back(std::move(right));
-                waiting.push_back(std::move(part));
-                continue;
-            }
+            for (std::size_t i = 0; i < quantities && may_bisect; ++i)
+                if (ranges[i].upper > std::max(peaks[i].attained * (1.0 + slack), kNegligible * most)) return true;
             for (std::size_t i = 0; i < quantities; ++i) peaks[i].bound = std::max(peaks[i].bound, ranges[i].upper);
-        }
-    }
+            return false;
+        });
     return peaks;
 }
 

@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "geometry/sincos.h"
 #include "geometry/vectors.h"
 
 namespace pinproof {
@@ -21,6 +22,14 @@ inline bool is_rigid(const Transform& t) {
 inline bool is_rigid(const double* matrix) {
     return is_rigid(read_transform(matrix)) && matrix[12] == 0.0 && matrix[13] == 0.0 && matrix[14] == 0.0 &&
            matrix[15] == 1.0;
+}
+
+// The motion of a joint by a value: along a direction, or about the line through a point.
+inline Transform motion_of_joint(const Vec3& direction, const Vec3& point, bool prismatic, double value) {
+    if (prismatic) return {{}, value * direction};
+    const auto [sine, cosine] = sincos_of_any(value);
+    const Mat3 rotation = rotation_about(direction, sine, cosine);
+    return {rotation, point - rotation * point};
 }
 
 // The logarithm of a rotation.

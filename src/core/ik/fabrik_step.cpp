@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "geometry/rotations.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {
@@ -26,47 +27,54 @@ void bend(double share, const std::vector<JointRange>& ranges, const double* q, 
     }
 }
 
-}  // namespace
-
+// The motion by a value (rad or m) about, or along, a hinge.
 Transform hinge_motion(const Hinge& hinge, double value) {
-    Transform motion;
-    if (hinge.prismatic) {
-        motion.translation = value * hinge.direction;
-        return motion;
+    return motion_of_joint(hinge.direction, hinge.origin, hinge.prismatic, value);
+}
+
+// The motion of a hinge that is closest to a wanted motion, measured at weighted points and directions.
+class HingeFit {
+  public:
+    HingeFit(const Hinge& hinge, const Transform& wanted) : hinge_(hinge), wanted_(wanted) {}
+
+    void add_point(double weight, const Vec3& point) {
+        const Vec3 wanted = wanted_ * point;
+        along_ += weight * dot(hinge_.direction, wanted - point);
+        const Vec3 a = point - hinge_.origin, z = wanted - hinge_.origin;
+        cosine_ += weight * (dot(a, z) - dot(hinge_.direction, a) * dot(hinge_.direction, z));
+        sine_ += weight * dot(hinge_.direction, cross(a, z));
     }
-    const auto [sine, cosine] = sincos_of_any(value);
-    motion.rotation = rotation_about(hinge.direction, sine, cosine);
-    motion.translation = hinge.origin - motion.rotation * hinge.origin;
-    return motion;
-}
 
-void HingeFit::add_point(double weight, const Vec3& point) {
-    const Vec3 wanted = wanted_ * point;
-    along_ += weight * dot(hinge_.direction, wanted - point);
-    const Vec3 a = point - hinge_.origin, z = wanted - hinge_.origin;
-    cosine_ += weight * (dot(a, z) - dot(hinge_.direction, a) * dot(hinge_.direction, z));
-    sine_ += weight * dot(hinge_.direction, cross(a, z));
-}
+    void add_direction(double weight, const Vec3& direction) {
+        const Vec3 z = wanted_.rotation * direction;
+        cosine_ += weight * (dot(direction, z) - dot(hinge_.direction, direction) * dot(hinge_.direction, z));
+        sine_ += weight * dot(hinge_.direction, cross(direction, z));
+    }
 
-void HingeFit::add_direction(double weight, const Vec3& direction) {
-    const Vec3 z = wanted_.rotation * direction;
-    cosine_ += weight * (dot(direction, z) - dot(hinge_.direction, direction) * dot(hinge_.direction, z));
-    sine_ += weight * dot(hinge_.direction, cross(direction, z));
-}
+    // Three orthonormal directions, whichever they are.
+    void add_all_directions(double weight) {
+        // The sums of add_direction over an orthonormal basis are the trace and the vector of the rotation.
+        const auto& m = wanted_.rotation.m;
+        const Vec3& d = hinge_.direction;
+        cosine_ += weight * (m[0][0] + m[1][1] + m[2][2] - dot(d, wanted_.rotation * d));
+        sine_ += weight * dot(d, Vec3{m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]});
+    }
 
-void HingeFit::add_all_directions(double weight) {
-    // The sums of add_direction over an orthonormal basis are the trace and the vector of the rotation.
-    const auto& m = wanted_.rotation.m;
-    const Vec3& d = hinge_.direction;
-    cosine_ += weight * (m[0][0] + m[1][1] + m[2][2] - dot(d, wanted_.rotation * d));
-    sine_ += weight * dot(d, Vec3{m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]});
-}
+    double angle() const {
+        const bool determined = sine_ * sine_ + cosine_ * cosine_ > FabrikStep::kTiny * FabrikStep::kTiny;
+        return determined ? std::atan2(sine_, cosine_) : 0.0;
+    }
 
-double HingeFit::angle() const {
-    const bool determined = sine_ * sine_ + cosine_ * cosine_ > FabrikStep::kTiny * FabrikStep::kTiny;
-    return determined ? std::atan2(sine_, cosine_) : 0.0;
-}
+    // `total` is the weight of all points.
+    double translation(double total) const { return along_ / total; }
 
+  private:
+    Hinge hinge_;
+    Transform wanted_;
+    double along_ = 0.0, cosine_ = 0.0, sine_ = 0.0;
+};
+
+// The change closest on the circle to this one that keeps a revolute joint within its limits.
 double allowed_change(const JointRange& range, double value, double change) {
     const double low = range.stop_lower(), high = range.stop_upper(), there = value + change;
     if (there >= low && there <= high) return change;
@@ -74,6 +82,8 @@ double allowed_change(const JointRange& range, double value, double change) {
     if (there > high && there - kTurn >= low) return change - kTurn;
     return (std::cos(there - low) >= std::cos(there - high) ? low : high) - value;
 }
+
+}  // namespace
 
 // What a pass needs besides the hinges.
 struct FabrikPasses::Pass {

@@ -34,32 +34,6 @@ struct Hinge {
     bool prismatic = false;
 };
 
-// The motion by a value (rad or m) about, or along, a hinge.
-Transform hinge_motion(const Hinge& hinge, double value);
-
-// The motion of a hinge that is closest to a wanted motion, measured at weighted points and directions.
-class HingeFit {
-  public:
-    HingeFit(const Hinge& hinge, const Transform& wanted) : hinge_(hinge), wanted_(wanted) {}
-
-    void add_point(double weight, const Vec3& point);
-    void add_direction(double weight, const Vec3& direction);
-    // Three orthonormal directions, whichever they are.
-    void add_all_directions(double weight);
-
-    double angle() const;
-    // `total` is the weight of all points.
-    double translation(double total) const { return along_ / total; }
-
-  private:
-    Hinge hinge_;
-    Transform wanted_;
-    double along_ = 0.0, cosine_ = 0.0, sine_ = 0.0;
-};
-
-// The change closest on the circle to this one that keeps a revolute joint within its limits.
-double allowed_change(const JointRange& range, double value, double change);
-
 struct FabrikStep {
     ClikStep end;             // near the target
     double squared_handover;  // the squared residual below which the step of Clik is used; 0: never

@@ -203,4 +203,64 @@ const Candidate& SearchEngine::next(Search& search, long long count, bool polish
     return search.conclude();
 }
 
+template <class Begin, class Done>
+void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done) {
+    ClikLanes* lanes = std::get_if<ClikLanes>(&descents_);
+    if (!lanes) {
+        for (std::size_t row; rows.take(row);) {
+            begin(searches[0], row);
+            done(next(searches[0], count, true), row);
+        }
+        return;
+    }
+    // Each lane works on a row of its own, and takes the next one when it has finished.
+    std::array<std::size_t, kLanes> row_of;
+    const auto take_row = [&](int lane) {
+        if (!rows.take(row_of[lane])) return false;
+        begin(searches[lane], row_of[lane]);
+        searches[lane].look_for_next(count, true);
+        return true;
+    };
+    // Start the next attempt in a lane, if necessary for the next row; returns whether there is one.
+    const auto start_attempt = [&](int lane) {
+        Search& search = searches[lane];
+        while (!search.prepare()) {
+            done(search.conclude(), row_of[lane]);
+            if (!take_row(lane)) return false;
+        }
+        lanes->start(lane, search.target_from_base(), search.goal(), search.stall(), search.q());
+        return true;
+    };
+    int busy = 0;
+    for (int lane = 0; lane < kLanes; ++lane) busy += take_row(lane) && start_attempt(lane);
+    while (busy > 0) {
+        lanes->advance();
+        for (int lane = 0; lane < kLanes; ++lane) {
+            if (!lanes->ended(lane)) continue;
+            searches[lane].finish(lanes->take(lane, searches[lane].q()));
+            busy -= !start_attempt(lane);
+        }
+    }
+}
+
+void solve_batch(const IkSolver& solver, const Seeds& seeds, const Goal& goal, const double* targets, const double* q0,
+                 std::size_t rows, long long count, std::size_t threads, const BatchResults& out) {
+    const std::size_t n = solver.chain.dof;
+    const auto begin = [&](Search& search, std::size_t row) {
+        search.begin(read_transform(targets + 16 * row), q0 + n * row);
+    };
+    const auto done = [&](const Candidate& found, std::size_t row) {
+        std::copy(found.q.begin(), found.q.end(), out.q + n * row);
+        out.position_error[row] = found.error.position;
+        out.orientation_error[row] = found.error.orientation;
+        out.fulfils[row] = found.fulfils;
+        out.iterations[row] = found.iterations;
+        out.attempts[row] = found.attempts;
+    };
+    share_rows(rows, threads, [&] {
+        return [&, engine = SearchEngine(solver), searches = std::vector<Search>(kLanes, Search(solver, seeds, goal))](
+                   Rows& all) mutable { engine.solve_rows(searches, all, count, begin, done); };
+    });
+}
+
 }  // namespace pinproof

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <variant>
 #include <vector>
@@ -127,44 +128,17 @@ class SearchEngine {
     std::variant<std::monostate, ClikLanes, Descent> descents_;  // ClikLanes for Clik, Descent for the other methods
 };
 
-template <class Begin, class Done>
-void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done) {
-    ClikLanes* lanes = std::get_if<ClikLanes>(&descents_);
-    if (!lanes) {
-        for (std::size_t row; rows.take(row);) {
-            begin(searches[0], row);
-            done(next(searches[0], count, true), row);
-        }
-        return;
-    }
-    // Each lane works on a row of its own, and takes the next one when it has finished.
-    std::array<std::size_t, kLanes> row_of;
-    const auto take_row = [&](int lane) {
-        if (!rows.take(row_of[lane])) return false;
-        begin(searches[lane], row_of[lane]);
-        searches[lane].look_for_next(count, true);
-        return true;
-    };
-    // Start the next attempt in a lane, if necessary for the next row; returns whether there is one.
-    const auto start_attempt = [&](int lane) {
-        Search& search = searches[lane];
-        while (!search.prepare()) {
-            done(search.conclude(), row_of[lane]);
-            if (!take_row(lane)) return false;
-        }
-        lanes->start(lane, search.target_from_base(), search.goal(), search.stall(), search.q());
-        return true;
-    };
-    int busy = 0;
-    for (int lane = 0; lane < kLanes; ++lane) busy += take_row(lane) && start_attempt(lane);
-    while (busy > 0) {
-        lanes->advance();
-        for (int lane = 0; lane < kLanes; ++lane) {
-            if (!lanes->ended(lane)) continue;
-            searches[lane].finish(lanes->take(lane, searches[lane].q()));
-            busy -= !start_attempt(lane);
-        }
-    }
-}
+// The results of N targets, by rows.
+struct BatchResults {
+    double* q;                                   // (N, n)
+    double *position_error, *orientation_error;  // (N,) in m and rad
+    bool* fulfils;                               // (N,)
+    std::int64_t *iterations, *attempts;         // (N,)
+};
+
+// Solve for `rows` targets, homogeneous matrices (N, 4, 4), from q0 (N, n). A result depends neither on the number of
+// threads nor on the other targets.
+void solve_batch(const IkSolver& solver, const Seeds& seeds, const Goal& goal, const double* targets, const double* q0,
+                 std::size_t rows, long long count, std::size_t threads, const BatchResults& out);
 
 }  // namespace pinproof

@@ -346,6 +346,18 @@ class ReachProver {
         }
     }
 
+    // The squared distance of a point that a revolute joint rotates from another one: sum - twice cos(angle - offset), with
+    // the angle from the middle of the range of the joint, and the offset of (along, across).
+    struct RotatedDistance {
+        double sum, twice, along, across;
+    };
+    static RotatedDistance rotated_distance(const JointValue& value, const Vec3& a, const Vec3& b) {
+        const double dz = a.z - b.z, x = value.cosine * a.x + value.sine * a.y, y = value.cosine * a.y - value.sine * a.x;
+        const double along = x * b.x + y * b.y, across = y * b.x - x * b.y;
+        return {dz * dz + x * x + y * y + b.x * b.x + b.y * b.y, 2.0 * std::sqrt(along * along + across * across), along,
+                across};
+    }
+
     // The range of the distance between the ends of an arc, with the widest joint exact and the others enclosed in balls.
     Range distance(const Arc& arc, const ArcBalls& balls) const {
         if (arc.joints.empty()) {
@@ -365,12 +377,7 @@ class ReachProver {
             least = across + (low > 0.0 ? low * low : 0.0);
             most = across + high * high;
         } else {
-            // The start, rotated by minus the middle, against the end: d^2 = A - B cos(angle - offset from the middle).
-            const double x = value.cosine * a.centre.x + value.sine * a.centre.y;
-            const double y = value.cosine * a.centre.y - value.sine * a.centre.x;
-            const double along = x * b.centre.x + y * b.centre.y, across = y * b.centre.x - x * b.centre.y;
-            const double sum = dz * dz + x * x + y * y + b.centre.x * b.centre.x + b.centre.y * b.centre.y;
-            const double twice = 2.0 * std::sqrt(along * along + across * across);
+            const auto [sum, twice, along, across] = rotated_distance(value, a.centre, b.centre);
             const double angle = std::abs(std::atan2(across, along));
             const double near = angle - value.half_width - kAngleRounding,
                          far = angle + value.half_width + kAngleRounding;
@@ -428,11 +435,7 @@ class ReachProver {
             }
             return narrow(joint, lower, upper, number);
         }
-        const double x = value.cosine * a.centre.x + value.sine * a.centre.y;
-        const double y = value.cosine * a.centre.y - value.sine * a.centre.x;
-        const double along = x * b.centre.x + y * b.centre.y, across = y * b.centre.x - x * b.centre.y;
-        const double sum = dz * dz + x * x + y * y + b.centre.x * b.centre.x + b.centre.y * b.centre.y;
-        const double twice = 2.0 * std::sqrt(along * along + across * across);
+        const auto [sum, twice, along, across] = rotated_distance(value, a.centre, b.centre);
         const double square = kSquareRounding * (loop_.size * loop_.size + sum + high * high);
         // sum - twice cos(angle - offset) = d^2.
         const double at_least = sum - high * high - square, at_most = sum - low * low + square;

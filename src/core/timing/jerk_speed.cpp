@@ -33,12 +33,6 @@ constexpr int kWidthRounds = 40;
 // Relative difference below which the limits on both sides of a node are equal.
 constexpr double kSame = 1e-6;
 
-inline Double4 spread(double value) { return Double4{value, value, value, value}; }
-
-inline Double4 magnitude(Double4 v) { return v < 0.0 ? -v : v; }
-
-inline Double4 larger(Double4 u, Double4 v) { return u > v ? u : v; }
-
 inline double largest(Double4 v) { return std::max(std::max(v[0], v[1]), std::max(v[2], v[3])); }
 
 // A slack variable and its dual, with their changes.
@@ -253,8 +247,8 @@ class Solver {
     void start() {
         const double target = duration() / static_cast<double>(8 * limits_.size() + ceilings_.size());
         for (Limits& l : limits_) {
-            l.upper.slack = larger(1.0 - l.value, spread(kFirstSlack));
-            l.lower.slack = larger(1.0 + l.value, spread(kFirstSlack));
+            l.upper.slack = lanes_max(1.0 - l.value, all_lanes(kFirstSlack));
+            l.lower.slack = lanes_max(1.0 + l.value, all_lanes(kFirstSlack));
             for (Slack* s : {&l.upper, &l.lower}) s->dual = target / s->slack;
         }
         for (Ceiling& ceiling : ceilings_) {
@@ -281,8 +275,8 @@ class Solver {
     }
 
     double violation() const {
-        Double4 most = spread(1.0);
-        for (const Limits& l : limits_) most = larger(most, magnitude(l.value));
+        Double4 most = all_lanes(1.0);
+        for (const Limits& l : limits_) most = lanes_max(most, lanes_abs(l.value));
         double result = largest(most);
         for (const Ceiling& ceiling : ceilings_) result = std::max(result, value(ceiling, x_, a_));
         return result - 1.0;
@@ -315,7 +309,7 @@ class Solver {
             for (; next < limits_.size() && limits_[next].step == k; ++next) {
                 const Limits& l = limits_[next];
                 const auto weight = [&](const Slack& s, Double4 value) {
-                    Double4 products = spread(target);
+                    Double4 products = all_lanes(target);
                     if (corrected) products -= s.product;
                     return (products + s.dual * (value + s.slack - 1.0)) / s.slack;
                 };
@@ -399,7 +393,7 @@ class Solver {
 
     // The changes of slacks and duals, and the largest steps (up to 1) after which they are not negative.
     Lengths directions(double target, bool corrected) {
-        Double4 primal = spread(1.0), dual = spread(1.0);  // reciprocals of the step lengths
+        Double4 primal = all_lanes(1.0), dual = all_lanes(1.0);  // reciprocals of the step lengths
         for (Limits& l : limits_) {
             const std::size_t k = l.step;
             const Double4 change = l.x0 * dx_[k] + l.a0 * da_[k] + l.x1 * dx_[k + 1] + l.a1 * da_[k + 1];
@@ -409,12 +403,12 @@ class Solver {
                 decrease = p[0] * dx_[k] + p[1] * dx_[k + 1];
             }
             const auto move = [&](Slack& s, Double4 value, Double4 step) {
-                Double4 products = spread(target);
+                Double4 products = all_lanes(target);
                 if (corrected) products -= s.product;
                 s.dslack = 1.0 - value - s.slack - step;
                 s.ddual = (products - s.dual * s.dslack) / s.slack - s.dual;
-                primal = larger(primal, -s.dslack / s.slack);
-                dual = larger(dual, -s.ddual / s.dual);
+                primal = lanes_max(primal, -s.dslack / s.slack);
+                dual = lanes_max(dual, -s.ddual / s.dual);
             };
             move(l.upper, l.value, change + decrease);
             move(l.lower, -l.value, decrease - change);

@@ -54,7 +54,7 @@ def _measured(checker: CollisionChecker, pair: int, q: Array, separation: PairSe
     normals = [space.measure(pair).normal] if separation.overlaps else []
     if len(separation.unclear):
         measure, at, still = MeasureByCoal(), space.root_from_body(a), matrix(checker.bodies[b].link_from_body)
-        for facet in checker.bodies[b].core_shape.corners[separation.unclear].reshape(-1, 3, 3):
+        for facet in checker.bodies[b].core_shape.triangles[separation.unclear]:
             normals.append(measure.of(checker.bodies[a].geometry, at, bvh(facet, ONE_TRIANGLE), still).normal)
     return -np.array(normals)
 
@@ -69,7 +69,7 @@ def facet_body(body: Body, name: str, facets: Indices) -> Body:
 @lru_cache(maxsize=FACETS_KEPT)
 def _facet_geometry(body: Body, facets: bytes) -> tuple[Any, Array, Surface]:
     """Return geometry, box and surface of some facets: the pieces of a part leave the same ones in many motions."""
-    corners = body.core_shape.corners[np.frombuffer(facets, dtype=np.int64)].reshape(-1, 3)
+    corners = body.core_shape.triangles[np.frombuffer(facets, dtype=np.int64)].reshape(-1, 3)
     points, index = np.unique(corners, axis=0, return_inverse=True)
     geometry = bvh(points, index.reshape(-1, 3))
     return geometry, np.array([points.min(axis=0), points.max(axis=0)]), Surface(corners.reshape(-1, 3, 3))

@@ -20,6 +20,7 @@ import pinocchio as pin
 
 from pinproof._core import Body as PlacedBody
 from pinproof._core import Geometry, Joint, JointTree, Obstacles, World, bodies_on_joint
+from pinproof._core import Shape as CoreShape
 from pinproof.collision.checking.links import LinkBodies
 from pinproof.collision.checking.pairs import ExcludedPair, FinerPair, Indices, PairRules, Pairs, choose_pairs
 from pinproof.collision.checking.spec import CheckerSpec, Levels
@@ -50,17 +51,36 @@ LARGEST_SMALL_PART = 3.0
 """Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
 
 
+class _Pieces(NamedTuple):
+    """Bodies that follow each other at one pose of a link, such as the pieces of a mesh."""
+
+    link: str
+    pose: pin.SE3
+    shapes: list[CoreShape]
+    placed: dict[tuple[int, bytes], list[PlacedBody]]  # by the joint, and the pose there
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _pieces(bodies: tuple[Body, ...]) -> list[_Pieces]:
+    """Return bodies by the pose of a link; a hand at another position leaves most of them at their joints."""
+    groups = (list(group) for _, group in groupby(bodies, lambda body: (body.link, id(body.link_from_body))))
+    return [_Pieces(own[0].link or "", own[0].link_from_body, [body.core_shape for body in own], {}) for own in groups]
+
+
 @lru_cache(maxsize=ARMS_KEPT)
 def _on_joints(arm: JointGroup, bodies: tuple[Body, ...]) -> list[PlacedBody]:
     """Return bodies of links on the joints that move them."""
-    frames, placed = _joints(arm)[1], list[PlacedBody]()
-    # The pieces of a mesh follow each other at one pose.
-    for _, group in groupby(bodies, lambda body: (body.link, id(body.link_from_body))):
-        pieces = list(group)
-        joint, above = frames[pieces[0].link or ""]
-        pose = (above * pieces[0].link_from_body).homogeneous
-        placed += bodies_on_joint([body.core_shape for body in pieces], joint, pose)
-    return placed
+    frames, result = _joints(arm)[1], list[PlacedBody]()
+    for link, pose, shapes, placed in _pieces(bodies):
+        joint, above = frames[link]
+        place = (above * pose).homogeneous
+        key = joint, place.tobytes()
+        if key not in placed:
+            if len(placed) >= ARMS_KEPT:
+                placed.clear()
+            placed[key] = bodies_on_joint(shapes, joint, place)
+        result += placed[key]
+    return result
 
 
 class _Joints(NamedTuple):

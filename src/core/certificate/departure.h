@@ -1,31 +1,14 @@
 // Proofs that a body moving away from an obstacle never approaches it along one direction.
 //
-// Let n be a unit vector that is fixed with the obstacle, and
-//
-//     g(t) = min_{y in body} n . y(t) - max_{x in obstacle} n . x .
-//
-// If g is positive, the two are at least g apart; if it is negative, they overlap by -g along n. If no point of the
-// body moves against n, g never decreases. The speed of a point y along n is sum_i s_i f_i, with the rates s_i of the
-// joints that carry it and f_i = n . (w_i x (y - p_i)), or n . w_i for a prismatic joint.
-//
-// On an interval every joint j stays within delta_j of its value in the middle. Move there joint by joint, starting
-// with the one closest to the root. Joints up to i rotate w_i x (y - p_i) as a whole, and joints beyond i move y by
-// their chords, at radii that are those of the middle (motion_bounds.h). So f_i stays within
-//
-//     epsilon_i = rho_i sum_{j <= i} 2 sin(delta_j / 2) + sum_{j > i} 2 rho_j sin(delta_j / 2)
-//
-// of its value in the middle (prismatic joints do not rotate, and translate by delta_j). On a polynomial piece the
-// rates are s_i(u) = sum_r B_r(u) s_ri, with coefficients that are differences of control points, and nonnegative B_r.
-// So g does not decrease if for every r
+// Let n be a unit vector that is fixed with the obstacle. The gap g is the least n . y over the points y of the body less
+// the extent of the obstacle: a positive gap is a distance, a negative one an overlap along n. It does not decrease on a
+// piece of a curve if for every coefficient r of the rates s_r of the joints
 //
 //     L_r = min_y sum_i s_ri f_i(y) - sum_i |s_ri| epsilon_i >= 0 ,
 //
-// with f_i at the middle, where the sum is linear in y and its minimum is a value of the support function. If some L_r
-// are negative, g decreases by at most the sum of their magnitudes. Coefficients are compared instead of values because
-// at rest both sides are 0.
-//
-// Source: R. T. Farouki (2012), "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric
-// Design 29, section 3 (differences, hull); the rest is derived here.
+// where f_i = n . (w_i x (y - p_i)), or n . w_i for a prismatic joint, is the speed of a point along n per rate of joint i
+// at the middle, and epsilon_i bounds its change over the piece. If some L_r are negative, g decreases by at most the sum
+// of their magnitudes. The derivation is in docs/mathematics.md, "Contact at the start".
 #pragma once
 
 #include <cstdint>

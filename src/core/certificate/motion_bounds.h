@@ -1,32 +1,21 @@
 // A bound on how much closer two bodies can come while the joints stay in a box about a configuration.
 //
-// Simple bound. Let q be a configuration, and let every joint i between bodies a and b stay within delta_i of q_i. Fix
-// any link L between a and b and consider the joints from L to b. Move these joints one after another, the one closest
-// to L first: the motion of joint i carries everything beyond it, b and the later axes, as one rigid body, which still
-// has the shape that it has at q. The points of b therefore move by at most the chord 2 rho_i sin(delta_i / 2), where
-// rho_i is the largest distance at q of a point of b from axis i (for a prismatic joint: delta_i). The same holds for
-// a, from L to a. Together, at every configuration in the box,
+// Let every joint i between bodies a and b stay within delta_i of its value, and fix any link L between them. The joints
+// from L to b are moved one after another, the one closest to L first, so that each carries everything beyond it as it is
+// at the configuration; likewise from L to a. For an obstacle, L is the root.
 //
-//     d(q') >= d(q) - sum_{L to a} 2 rho^a_i sin(delta_i / 2) - sum_{L to b} 2 rho^b_i sin(delta_i / 2) .
+// Simple bound: points move by at most the chord 2 rho_i sin(delta_i / 2), where rho_i is the largest distance of a point
+// of the body from axis i (for a prismatic joint: delta_i). L is chosen such that the sum is smallest. Exchanging a and b
+// for single joints, without a link that separates them, or using the smallest radius instead, would be wrong.
 //
-// L is chosen such that the sum is smallest; for an obstacle it is the root. Exchanging a and b for single joints,
-// without a link that separates them, or using the smallest radius in place of the largest, would be wrong.
+// Tight bound: only motion along a unit vector u that is fixed in L counts. The first-order terms theta_i w_i x (y - p_i)
+// are summed over the joints before the maximum over the body is taken, so that opposite motions cancel. The remainder is
+// due to the inner rotations and to the curvature of the arcs.
 //
-// Tight bound. The gap of the supports along a unit vector u that is fixed in L is a lower bound of the distance, at q
-// and at q', so that only motion along u counts. With the joints as rotations R_1 .. R_m about their axes at q, closest
-// to L first, a point y of b moves to R_1 R_2 .. R_m y, and
-//
-//     R_1 .. R_m y - y = sum_i r_1 .. r_(i-1) (R_i y - y) ,
-//
-// where r is the rotation without translation. Each term is the first-order term theta_i w_i x (y - p_i) and a
-// remainder. The remainder has two parts: the effect of the inner rotations, at most sum_{l<i} 2 sin(delta_l / 2) times
-// the chord, and the curvature of the arc, at most rho_i (delta_i - sin delta_i + 1 - cos delta_i). The first-order
-// terms are summed over the joints before the maximum over the body is taken, so that opposite motions cancel; the sum
-// is convex in the joints, so that its maximum on a curve is at a control point.
-//
-// Sources: F. Schwarzer, M. Saha, J.-C. Latombe (2005), "Adaptive dynamic collision checking for single and multiple
-// articulated robots in complex environments", IEEE Transactions on Robotics 21(3), section III; S. Quinlan (1994),
-// "Real-time modification of collision-free paths", PhD thesis, Stanford, chapter 3.
+// The derivation is in docs/mathematics.md, "Motion bounds". Sources: F. Schwarzer, M. Saha, J.-C. Latombe (2005),
+// "Adaptive dynamic collision checking for single and multiple articulated robots in complex environments", IEEE
+// Transactions on Robotics 21(3), section III; S. Quinlan (1994), "Real-time modification of collision-free paths", PhD
+// thesis, Stanford, chapter 3.
 #pragma once
 
 #include <memory>

@@ -7,22 +7,12 @@
 //     region     y = R c + p, a point of the tcp; box in the base frame, whose sides may be 0 or infinite
 //     target     y = the target as it moves relative to the tcp; cone about the axis of the tcp with its apex there
 //
-// Bound. As for the motion bounds of bodies (motion_bounds.h), the joints are moved one after another, the one closest
-// to the frame of the set first (for a target: the last joint of the chain, in reverse). With the axes at the middle of
-// the interval and theta the deviation from it,
+// The joints are moved one after another, the one closest to the frame of the set first (for a target: the last joint of
+// the chain, in reverse). With the images y_r of the control points of a piece to first order, and the remainder rem,
 //
-//     y(theta) = y + sum_i theta_i v_i + z,   v_i = w_i x (y - p_i)  (prismatic: w_i; direction: p_i = 0),
-//     |z| <= rem = sum_i |v_i| (bend_i + chord_i * sum of the chords of the joints between the set and joint i) .
+//     distance <= max_r distance(y_r) + rem,    angle <= max_r angle(y_r, u) + asin(rem / min_r u . y_r)
 //
-// The first-order image of the curve is in the convex hull of the images y_r of its control points. The distance from a
-// convex set is a convex function, so on the hull it is largest at some y_r, and it changes by at most rem:
-//
-//     distance <= max_r distance(y_r) + rem .
-//
-// A cone of less than 90 degrees is convex. With u the unit vector of its axis and c = min_r u . y_r, every y of the
-// hull has |y| >= c. A vector of a length of c or more that is displaced by rem < c turns by at most asin(rem / c), so
-//
-//     angle <= max_r angle(y_r, u) + asin(rem / c) .
+// for the axis u of a cone. The derivation is in docs/mathematics.md, "Constraints of the tcp".
 #pragma once
 
 #include <cstddef>

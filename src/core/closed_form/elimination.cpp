@@ -265,256 +265,286 @@ CutLoop cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut)
     return out;
 }
 
-void Elimination::expand_sides() {
-    const LineFrame frame(cut_.line[2]);
-    const Sampled last{cut_.line[5].point, cut_.line[5].direction};
-    const ThreeMotions fourth(cut_.line[3], 1.0), fifth(cut_.line[4], 1.0);
-    for (int b = 0; b < 3; ++b) {
-        const Sampled moved = fifth(b, last);
-        for (int a = 0; a < 3; ++a) write_functions(frame, fourth(a, moved), left_, 3 * a + b);
-    }
-    convert_samples(left_, kFunctions, cut_.line[3].prismatic, cut_.line[4].prismatic, to_powers);
+namespace {
 
-    const Sampled target{cut_.loop * last.point, cut_.loop.rotation * last.direction};
-    const ThreeMotions first(cut_.line[0], -1.0), second(cut_.line[1], -1.0);
-    for (int a = 0; a < 3; ++a) {
-        const Sampled moved = first(a, target);
-        for (int b = 0; b < 3; ++b) write_functions(frame, second(b, moved), right_, 3 * a + b);
-    }
-    convert_samples(right_, kFunctions, cut_.line[0].prismatic, cut_.line[1].prismatic, to_states);
-}
-
-// Eliminate the eight products from the 14 equations `functions = right_`. In the first eight rows remains one product,
-// in the last six none.
-bool Elimination::eliminate() {
-    constexpr int columns = 24;
-    for (int i = 0; i < kFunctions; ++i) {
-        std::fill_n(reduced_[i], columns, 0.0);
-        std::copy_n(right_[i] + 1, kProducts, reduced_[i]);
-        reduced_[i][kProducts + i] = 1.0;
-    }
-    bool used[kProducts] = {};
-    double largest = 0.0;
-    for (int k = 0; k < kProducts; ++k) {
-        double pivot = 0.0;
-        int row = k, column = 0;
-        for (int i = k; i < kFunctions; ++i)
-            for (int j = 0; j < kProducts; ++j)
-                if (!used[j] && std::abs(reduced_[i][j]) > pivot) {
-                    pivot = std::abs(reduced_[i][j]);
-                    row = i;
-                    column = j;
-                }
-        largest = std::max(largest, pivot);
-        if (!(pivot > kDependent * largest)) return false;
-        used[column] = true;
-        product_[k] = column + 1;
-        if (row != k) std::swap_ranges(reduced_[row], reduced_[row] + columns, reduced_[k]);
-        const double inverse = 1.0 / reduced_[k][column];
-        for (int j = 0; j < columns; ++j) reduced_[k][j] *= inverse;
-        for (int i = 0; i < kFunctions; ++i) {
-            if (i == k) continue;
-            const double factor = reduced_[i][column];
-            for (int j = 0; j < columns; ++j) reduced_[i][j] -= factor * reduced_[k][j];
-        }
-    }
-    for (int r = 0; r < kLeft; ++r) {
-        const double* const n = reduced_[kProducts + r] + kProducts;
-        double scale = 0.0, constant = 0.0;
-        for (int i = 0; i < kFunctions; ++i) scale += n[i] * n[i];
-        scale = 1.0 / std::sqrt(scale);
-        double* const row = reduced_[kProducts + r];
-        for (int j = 0; j < columns; ++j) row[j] *= scale;
-        for (int i = 0; i < kFunctions; ++i) constant += n[i] * right_[i][0];
-        for (int m = 0; m < 9; ++m) {
-            double fixed = n[kSquare] * left_[kSquare][m] + n[kProduct] * left_[kProduct][m], along = 0.0, across = 0.0;
-            for (int k = 0; k < 12; k += 3) {
-                along += n[k] * left_[k][m] + n[k + 1] * left_[k + 1][m];
-                across += n[k + 1] * left_[k][m] - n[k] * left_[k + 1][m];
-                fixed += n[k + 2] * left_[k + 2][m];
+class Elimination {
+  public:
+    void solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+               EliminationResult& out) {
+        out.count = out.existing = 0;
+        out.usable = false;
+        cut_ = cut_loop(lines, g, cut);
+        if (cut_.line[2].prismatic || cut_.line[5].prismatic) return;
+        expand_sides();
+        if (!eliminate() || !choose_shift(cut.shifted)) return;
+        make_matrix();
+        double largest = 0.0;
+        for (const auto& row : matrix_)
+            for (double one : row) largest = std::max(largest, std::abs(one));
+        if (!(largest < 1e12)) return;  // also NaN
+        hessenberg_.reduce(matrix_);
+        Eigenvalue values[kEigenRows];
+        if (!hessenberg_.eigenvalues(values)) return;
+        const double error = kBackwardError * kEpsilon * hessenberg_.norm() * condition_;
+        out.existing = kEigenRows;
+        for (int k = 0; k < kEigenRows; ++k) {
+            const auto [real, imaginary] = values[k];
+            if (imaginary == 0.0) {
+                start_from(real, out);
+                continue;
             }
-            constant_[r][m] = fixed;
-            cosine_[r][m] = along;
-            sine_[r][m] = across;
+            // Complex eigenvalues are in pairs; the second is that of the other sign.
+            const double distance = std::abs(imaginary);
+            const bool sure = distance > kSafety * kLargeCondition * error ||
+                              distance > kSafety * error * hessenberg_.condition(values[k]);
+            if (sure) out.existing -= 2;
+            if (2.0 * distance < nearly_real * (1.0 + real * real)) start_from(real, out);
+            ++k;
         }
-        // (1 + x^2)(1 + y^2), or 1 instead of a factor for a prismatic joint
-        for (int m : {0, 2, 6, 8})
-            if ((m < 6 || !cut_.line[3].prismatic) && (m % 3 == 0 || !cut_.line[4].prismatic)) constant_[r][m] -= constant;
+        out.usable = true;
     }
-    return true;
-}
 
-// Choose t_0, and solve with A_0: fills inverse_.
-bool Elimination::choose_shift(bool shifted) {
-    constexpr int columns = 40;
-    double best[12][columns], best_condition = std::numeric_limits<double>::infinity();
-    for (double shift : kShifts) {
-        if (shifted) shift += kOtherShifts;
-        const auto [sine, cosine] = sincos(shift);
-        double row[12][columns] = {};
-        double norm = 0.0;
+  private:
+    static constexpr int kFunctions = 14, kProducts = 8, kLeft = kFunctions - kProducts;
+
+    void expand_sides() {
+        const LineFrame frame(cut_.line[2]);
+        const Sampled last{cut_.line[5].point, cut_.line[5].direction};
+        const ThreeMotions fourth(cut_.line[3], 1.0), fifth(cut_.line[4], 1.0);
+        for (int b = 0; b < 3; ++b) {
+            const Sampled moved = fifth(b, last);
+            for (int a = 0; a < 3; ++a) write_functions(frame, fourth(a, moved), left_, 3 * a + b);
+        }
+        convert_samples(left_, kFunctions, cut_.line[3].prismatic, cut_.line[4].prismatic, to_powers);
+
+        const Sampled target{cut_.loop * last.point, cut_.loop.rotation * last.direction};
+        const ThreeMotions first(cut_.line[0], -1.0), second(cut_.line[1], -1.0);
+        for (int a = 0; a < 3; ++a) {
+            const Sampled moved = first(a, target);
+            for (int b = 0; b < 3; ++b) write_functions(frame, second(b, moved), right_, 3 * a + b);
+        }
+        convert_samples(right_, kFunctions, cut_.line[0].prismatic, cut_.line[1].prismatic, to_states);
+    }
+
+    // Eliminate the eight products from the 14 equations `functions = right_`. In the first eight rows remains one product,
+    // in the last six none.
+    bool eliminate() {
+        constexpr int columns = 24;
+        for (int i = 0; i < kFunctions; ++i) {
+            std::fill_n(reduced_[i], columns, 0.0);
+            std::copy_n(right_[i] + 1, kProducts, reduced_[i]);
+            reduced_[i][kProducts + i] = 1.0;
+        }
+        bool used[kProducts] = {};
+        double largest = 0.0;
+        for (int k = 0; k < kProducts; ++k) {
+            double pivot = 0.0;
+            int row = k, column = 0;
+            for (int i = k; i < kFunctions; ++i)
+                for (int j = 0; j < kProducts; ++j)
+                    if (!used[j] && std::abs(reduced_[i][j]) > pivot) {
+                        pivot = std::abs(reduced_[i][j]);
+                        row = i;
+                        column = j;
+                    }
+            largest = std::max(largest, pivot);
+            if (!(pivot > kDependent * largest)) return false;
+            used[column] = true;
+            product_[k] = column + 1;
+            if (row != k) std::swap_ranges(reduced_[row], reduced_[row] + columns, reduced_[k]);
+            const double inverse = 1.0 / reduced_[k][column];
+            for (int j = 0; j < columns; ++j) reduced_[k][j] *= inverse;
+            for (int i = 0; i < kFunctions; ++i) {
+                if (i == k) continue;
+                const double factor = reduced_[i][column];
+                for (int j = 0; j < columns; ++j) reduced_[i][j] -= factor * reduced_[k][j];
+            }
+        }
         for (int r = 0; r < kLeft; ++r) {
             const double* const n = reduced_[kProducts + r] + kProducts;
+            double scale = 0.0, constant = 0.0;
+            for (int i = 0; i < kFunctions; ++i) scale += n[i] * n[i];
+            scale = 1.0 / std::sqrt(scale);
+            double* const row = reduced_[kProducts + r];
+            for (int j = 0; j < columns; ++j) row[j] *= scale;
+            for (int i = 0; i < kFunctions; ++i) constant += n[i] * right_[i][0];
             for (int m = 0; m < 9; ++m) {
-                const double value = constant_[r][m] + cosine * cosine_[r][m] + sine * sine_[r][m];
-                row[r][m] = row[r + 6][m + 3] = value;
-                norm += 2.0 * value * value;
-            }
-            // P = (n_x - i n_y) / 2 exp(i t_0): Im(P a) = Im(P) Re(a) + Re(P) Im(a)
-            for (int k = 0; k < 4; ++k) {
-                const double re = 0.5 * (n[3 * k] * cosine + n[3 * k + 1] * sine);
-                const double im = 0.5 * (n[3 * k] * sine - n[3 * k + 1] * cosine);
-                row[r][12 + k] = row[r + 6][16 + k] = im;
-                row[r][20 + k] = row[r + 6][24 + k] = re;
-            }
-            row[r][28 + r] = row[r + 6][28 + r + 6] = 1.0;
-        }
-        bool regular = true;
-        for (int k = 0; k < 12 && regular; ++k) {
-            int pivot = k;
-            for (int i = k + 1; i < 12; ++i)
-                if (std::abs(row[i][k]) > std::abs(row[pivot][k])) pivot = i;
-            if (!(std::abs(row[pivot][k]) > 0.0)) {
-                regular = false;
-                break;
-            }
-            if (pivot != k) std::swap_ranges(row[k], row[k] + columns, row[pivot]);
-            const double inverse = 1.0 / row[k][k];
-            for (int j = 0; j < columns; ++j) row[k][j] *= inverse;
-            for (int i = 0; i < 12; ++i) {
-                if (i == k) continue;
-                const double factor = row[i][k];
-                for (int j = 0; j < columns; ++j) row[i][j] -= factor * row[k][j];
-            }
-        }
-        if (!regular) continue;
-        double of_inverse = 0.0;
-        for (int i = 0; i < 12; ++i)
-            for (int j = 28; j < 40; ++j) of_inverse += row[i][j] * row[i][j];
-        const double condition = std::sqrt(norm * of_inverse);
-        if (condition < best_condition) {
-            best_condition = condition;
-            std::copy(&row[0][0], &row[0][0] + 12 * columns, &best[0][0]);
-            shift_ = shift;
-            sine_of_shift_ = sine;
-            cosine_of_shift_ = cosine;
-        }
-        if (best_condition < kGoodCondition) break;
-    }
-    condition_ = best_condition;
-    if (!(best_condition < kWorstCondition)) return false;
-    for (int i = 0; i < 12; ++i)
-        for (int j = 0; j < 16; ++j) inverse_[i][j] = best[i][12 + j];
-    return true;
-}
-
-// i + 4 W A_0^-1 Im(P .)
-void Elimination::make_matrix() {
-    for (int k = 0; k < 4; ++k)
-        for (int part = 0; part < 2; ++part) {
-            const double* const w = left_[3 * k + part];
-            double* const plain = matrix_[8 * part + k];
-            double* const shifted = matrix_[8 * part + 4 + k];
-            std::fill_n(plain, kEigenRows, 0.0);
-            std::fill_n(shifted, kEigenRows, 0.0);
-            for (int m = 0; m < 9; ++m)
-                for (int j = 0; j < kEigenRows; ++j) {
-                    plain[j] += 4.0 * w[m] * inverse_[m][j];
-                    shifted[j] += 4.0 * w[m] * inverse_[m + 3][j];
+                double fixed = n[kSquare] * left_[kSquare][m] + n[kProduct] * left_[kProduct][m], along = 0.0,
+                       across = 0.0;
+                for (int k = 0; k < 12; k += 3) {
+                    along += n[k] * left_[k][m] + n[k + 1] * left_[k + 1][m];
+                    across += n[k + 1] * left_[k][m] - n[k] * left_[k + 1][m];
+                    fixed += n[k + 2] * left_[k + 2][m];
                 }
+                constant_[r][m] = fixed;
+                cosine_[r][m] = along;
+                sine_[r][m] = across;
+            }
+            // (1 + x^2)(1 + y^2), or 1 instead of a factor for a prismatic joint
+            for (int m : {0, 2, 6, 8})
+                if ((m < 6 || !cut_.line[3].prismatic) && (m % 3 == 0 || !cut_.line[4].prismatic))
+                    constant_[r][m] -= constant;
         }
-    for (int i = 0; i < 8; ++i) {
-        matrix_[i][8 + i] -= 1.0;
-        matrix_[8 + i][i] += 1.0;
+        return true;
     }
-}
 
-void Elimination::start_from(double eigenvalue, EliminationResult& out) const {
-    double a[kEigenRows], v[12] = {};
-    hessenberg_.eigenvector(eigenvalue, a);
-    for (int i = 0; i < 12; ++i)
-        for (int j = 0; j < kEigenRows; ++j) v[i] += inverse_[i][j] * a[j];
-    int row = 0, column = 0;
-    double longest_row = -1.0, longest_column = -1.0;
-    for (int i = 0; i < 4; ++i) {
-        const double* const one = v + 3 * i;
-        const double size = one[0] * one[0] + one[1] * one[1] + one[2] * one[2];
-        if (size > longest_row) {
-            longest_row = size;
-            row = i;
+    // Choose t_0, and solve with A_0: fills inverse_.
+    bool choose_shift(bool shifted) {
+        constexpr int columns = 40;
+        double best[12][columns], best_condition = std::numeric_limits<double>::infinity();
+        for (double shift : kShifts) {
+            if (shifted) shift += kOtherShifts;
+            const auto [sine, cosine] = sincos(shift);
+            double row[12][columns] = {};
+            double norm = 0.0;
+            for (int r = 0; r < kLeft; ++r) {
+                const double* const n = reduced_[kProducts + r] + kProducts;
+                for (int m = 0; m < 9; ++m) {
+                    const double value = constant_[r][m] + cosine * cosine_[r][m] + sine * sine_[r][m];
+                    row[r][m] = row[r + 6][m + 3] = value;
+                    norm += 2.0 * value * value;
+                }
+                // P = (n_x - i n_y) / 2 exp(i t_0): Im(P a) = Im(P) Re(a) + Re(P) Im(a)
+                for (int k = 0; k < 4; ++k) {
+                    const double re = 0.5 * (n[3 * k] * cosine + n[3 * k + 1] * sine);
+                    const double im = 0.5 * (n[3 * k] * sine - n[3 * k + 1] * cosine);
+                    row[r][12 + k] = row[r + 6][16 + k] = im;
+                    row[r][20 + k] = row[r + 6][24 + k] = re;
+                }
+                row[r][28 + r] = row[r + 6][28 + r + 6] = 1.0;
+            }
+            bool regular = true;
+            for (int k = 0; k < 12 && regular; ++k) {
+                int pivot = k;
+                for (int i = k + 1; i < 12; ++i)
+                    if (std::abs(row[i][k]) > std::abs(row[pivot][k])) pivot = i;
+                if (!(std::abs(row[pivot][k]) > 0.0)) {
+                    regular = false;
+                    break;
+                }
+                if (pivot != k) std::swap_ranges(row[k], row[k] + columns, row[pivot]);
+                const double inverse = 1.0 / row[k][k];
+                for (int j = 0; j < columns; ++j) row[k][j] *= inverse;
+                for (int i = 0; i < 12; ++i) {
+                    if (i == k) continue;
+                    const double factor = row[i][k];
+                    for (int j = 0; j < columns; ++j) row[i][j] -= factor * row[k][j];
+                }
+            }
+            if (!regular) continue;
+            double of_inverse = 0.0;
+            for (int i = 0; i < 12; ++i)
+                for (int j = 28; j < 40; ++j) of_inverse += row[i][j] * row[i][j];
+            const double condition = std::sqrt(norm * of_inverse);
+            if (condition < best_condition) {
+                best_condition = condition;
+                std::copy(&row[0][0], &row[0][0] + 12 * columns, &best[0][0]);
+                shift_ = shift;
+                sine_of_shift_ = sine;
+                cosine_of_shift_ = cosine;
+            }
+            if (best_condition < kGoodCondition) break;
+        }
+        condition_ = best_condition;
+        if (!(best_condition < kWorstCondition)) return false;
+        for (int i = 0; i < 12; ++i)
+            for (int j = 0; j < 16; ++j) inverse_[i][j] = best[i][12 + j];
+        return true;
+    }
+
+    // i + 4 W A_0^-1 Im(P .)
+    void make_matrix() {
+        for (int k = 0; k < 4; ++k)
+            for (int part = 0; part < 2; ++part) {
+                const double* const w = left_[3 * k + part];
+                double* const plain = matrix_[8 * part + k];
+                double* const shifted = matrix_[8 * part + 4 + k];
+                std::fill_n(plain, kEigenRows, 0.0);
+                std::fill_n(shifted, kEigenRows, 0.0);
+                for (int m = 0; m < 9; ++m)
+                    for (int j = 0; j < kEigenRows; ++j) {
+                        plain[j] += 4.0 * w[m] * inverse_[m][j];
+                        shifted[j] += 4.0 * w[m] * inverse_[m + 3][j];
+                    }
+            }
+        for (int i = 0; i < 8; ++i) {
+            matrix_[i][8 + i] -= 1.0;
+            matrix_[8 + i][i] += 1.0;
         }
     }
-    for (int j = 0; j < 3; ++j) {
-        double size = 0.0;
-        for (int i = 0; i < 4; ++i) size += v[3 * i + j] * v[3 * i + j];
-        if (size > longest_column) {
-            longest_column = size;
-            column = j;
+
+    void start_from(double eigenvalue, EliminationResult& out) const {
+        double a[kEigenRows], v[12] = {};
+        hessenberg_.eigenvector(eigenvalue, a);
+        for (int i = 0; i < 12; ++i)
+            for (int j = 0; j < kEigenRows; ++j) v[i] += inverse_[i][j] * a[j];
+        int row = 0, column = 0;
+        double longest_row = -1.0, longest_column = -1.0;
+        for (int i = 0; i < 4; ++i) {
+            const double* const one = v + 3 * i;
+            const double size = one[0] * one[0] + one[1] * one[1] + one[2] * one[2];
+            if (size > longest_row) {
+                longest_row = size;
+                row = i;
+            }
         }
-    }
-    double value[6];
-    value[2] = shift_ + 2.0 * std::atan2(1.0, eigenvalue);
-    value[4] = value_from_powers(cut_.line[4].prismatic, v + 3 * row, 3);
-    const double powers[4] = {v[column], v[3 + column], v[6 + column], v[9 + column]};
-    value[3] = value_from_powers(cut_.line[3].prismatic, powers, 4);
-
-    // The functions at joints 3 to 5, and the products of joints 1 and 2 from the first rows.
-    const Transform third = motion_of(cut_.line[2], value[2]);
-    const Transform behind = third * motion_of(cut_.line[3], value[3]) * motion_of(cut_.line[4], value[4]);
-    double functions[kFunctions][9];
-    write_functions(LineFrame(cut_.line[2]), {behind * cut_.line[5].point, behind.rotation * cut_.line[5].direction}, functions, 0);
-    double products[9] = {};
-    for (int k = 0; k < kProducts; ++k)
-        for (int i = 0; i < kFunctions; ++i)
-            products[product_[k]] += reduced_[k][kProducts + i] * (functions[i][0] - right_[i][0]);
-    // The products of one state with 1: sine and cosine, or d and d^2.
-    value[0] = cut_.line[0].prismatic ? products[3] : std::atan2(products[6], products[3]);
-    value[1] = cut_.line[1].prismatic ? products[1] : std::atan2(products[2], products[1]);
-
-    const Mat3 before = (motion_of(cut_.line[0], value[0]) * motion_of(cut_.line[1], value[1]) * behind).rotation;
-    const Vec3& axis = cut_.line[5].direction;
-    const Vec3 from = unit_perpendicular(axis), to = transposed_times(before, cut_.loop.rotation * from);
-    value[5] = std::atan2(dot(axis, cross(from, to)), dot(from, to));
-
-    for (double one : value)
-        if (!(std::abs(one) < kFarthest)) return;  // also NaN: a prismatic joint at infinity
-    double* const start = out.start[out.count++];
-    for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];
-}
-
-void Elimination::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
-                        EliminationResult& out) {
-    out.count = out.existing = 0;
-    out.usable = false;
-    cut_ = cut_loop(lines, g, cut);
-    if (cut_.line[2].prismatic || cut_.line[5].prismatic) return;
-    expand_sides();
-    if (!eliminate() || !choose_shift(cut.shifted)) return;
-    make_matrix();
-    double largest = 0.0;
-    for (const auto& row : matrix_)
-        for (double one : row) largest = std::max(largest, std::abs(one));
-    if (!(largest < 1e12)) return;  // also NaN
-    hessenberg_.reduce(matrix_);
-    Eigenvalue values[kEigenRows];
-    if (!hessenberg_.eigenvalues(values)) return;
-    const double error = kBackwardError * kEpsilon * hessenberg_.norm() * condition_;
-    out.existing = kEigenRows;
-    for (int k = 0; k < kEigenRows; ++k) {
-        const auto [real, imaginary] = values[k];
-        if (imaginary == 0.0) {
-            start_from(real, out);
-            continue;
+        for (int j = 0; j < 3; ++j) {
+            double size = 0.0;
+            for (int i = 0; i < 4; ++i) size += v[3 * i + j] * v[3 * i + j];
+            if (size > longest_column) {
+                longest_column = size;
+                column = j;
+            }
         }
-        // Complex eigenvalues are in pairs; the second is that of the other sign.
-        const double distance = std::abs(imaginary);
-        const bool sure = distance > kSafety * kLargeCondition * error ||
-                          distance > kSafety * error * hessenberg_.condition(values[k]);
-        if (sure) out.existing -= 2;
-        if (2.0 * distance < nearly_real * (1.0 + real * real)) start_from(real, out);
-        ++k;
+        double value[6];
+        value[2] = shift_ + 2.0 * std::atan2(1.0, eigenvalue);
+        value[4] = value_from_powers(cut_.line[4].prismatic, v + 3 * row, 3);
+        const double powers[4] = {v[column], v[3 + column], v[6 + column], v[9 + column]};
+        value[3] = value_from_powers(cut_.line[3].prismatic, powers, 4);
+
+        // The functions at joints 3 to 5, and the products of joints 1 and 2 from the first rows.
+        const Transform third = motion_of(cut_.line[2], value[2]);
+        const Transform behind = third * motion_of(cut_.line[3], value[3]) * motion_of(cut_.line[4], value[4]);
+        double functions[kFunctions][9];
+        write_functions(LineFrame(cut_.line[2]),
+                        {behind * cut_.line[5].point, behind.rotation * cut_.line[5].direction}, functions, 0);
+        double products[9] = {};
+        for (int k = 0; k < kProducts; ++k)
+            for (int i = 0; i < kFunctions; ++i)
+                products[product_[k]] += reduced_[k][kProducts + i] * (functions[i][0] - right_[i][0]);
+        // The products of one state with 1: sine and cosine, or d and d^2.
+        value[0] = cut_.line[0].prismatic ? products[3] : std::atan2(products[6], products[3]);
+        value[1] = cut_.line[1].prismatic ? products[1] : std::atan2(products[2], products[1]);
+
+        const Mat3 before = (motion_of(cut_.line[0], value[0]) * motion_of(cut_.line[1], value[1]) * behind).rotation;
+        const Vec3& axis = cut_.line[5].direction;
+        const Vec3 from = unit_perpendicular(axis), to = transposed_times(before, cut_.loop.rotation * from);
+        value[5] = std::atan2(dot(axis, cross(from, to)), dot(from, to));
+
+        for (double one : value)
+            if (!(std::abs(one) < kFarthest)) return;  // also NaN: a prismatic joint at infinity
+        double* const start = out.start[out.count++];
+        for (int k = 0; k < 6; ++k) start[cut_.source[k]] = value[k];
     }
-    out.usable = true;
+
+    CutLoop cut_;
+    double left_[kFunctions][9];      // of joints 4 and 5, in powers of their half-angle tangents
+    double right_[kFunctions][9];     // of joints 1 and 2, in products of (1, cos, sin)
+    double reduced_[kFunctions][24];  // rows of [products | functions] after the elimination
+    int product_[kProducts];          // the product of each of the first rows
+    double constant_[kLeft][9], cosine_[kLeft][9], sine_[kLeft][9];  // of A by q_3
+    double shift_, sine_of_shift_, cosine_of_shift_;                 // t_0
+    double inverse_[12][32];                                         // [A_0^-1 Im(P .) (16) | A_0^-1 (12)]
+    double condition_;                                               // of A_0
+    EigenMatrix matrix_;
+    HessenbergForm hessenberg_;
+};
+
+}  // namespace
+
+void solve_by_elimination(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+                          EliminationResult& out) {
+    Elimination().solve(lines, g, cut, nearly_real, out);
 }
 
 }  // namespace pinproof

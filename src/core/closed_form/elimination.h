@@ -96,32 +96,8 @@ struct EliminationResult {
     bool usable = false;
 };
 
-class Elimination {
-  public:
-    // Solve E_0 ... E_5 = g for the motions about six lines.
-    void solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
-               EliminationResult& out);
-
-  private:
-    static constexpr int kFunctions = 14, kProducts = 8, kLeft = kFunctions - kProducts;
-
-    void expand_sides();
-    bool eliminate();
-    bool choose_shift(bool shifted);
-    void make_matrix();
-    void start_from(double eigenvalue, EliminationResult& out) const;
-
-    CutLoop cut_;
-    double left_[kFunctions][9];           // of joints 4 and 5, in powers of their half-angle tangents
-    double right_[kFunctions][9];          // of joints 1 and 2, in products of (1, cos, sin)
-    double reduced_[kFunctions][24];       // rows of [products | functions] after the elimination
-    int product_[kProducts];               // the product of each of the first rows
-    double constant_[kLeft][9], cosine_[kLeft][9], sine_[kLeft][9];  // of A by q_3
-    double shift_, sine_of_shift_, cosine_of_shift_;                 // t_0
-    double inverse_[12][32];               // [A_0^-1 Im(P .) (16) | A_0^-1 (12)]
-    double condition_;                     // of A_0
-    EigenMatrix matrix_;
-    HessenbergForm hessenberg_;
-};
+// Solve E_0 ... E_5 = g for the motions about six lines.
+void solve_by_elimination(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+                          EliminationResult& out);
 
 }  // namespace pinproof

@@ -51,7 +51,7 @@ void GeneralLoop::find_starts(const LoopLine (&lines)[6], const Transform& g, co
     if (is_prismatic_loop(lines)) {
         solve_prismatic_loop(lines, g, cut, nearly_real, result_);
     } else {
-        elimination_.solve(lines, g, cut, nearly_real, result_);
+        solve_by_elimination(lines, g, cut, nearly_real, result_);
     }
 }
 

@@ -53,7 +53,6 @@ class GeneralLoop {
     void find_starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real);
     void polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const;
 
-    Elimination elimination_;
     EliminationResult result_;
 };
 

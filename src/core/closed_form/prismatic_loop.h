@@ -32,7 +32,7 @@ namespace pinproof {
 // Whether these lines are solved here: two or three of them are prismatic.
 bool is_prismatic_loop(const LoopLine (&lines)[6]);
 
-// As Elimination::solve.
+// As solve_by_elimination.
 void solve_prismatic_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
                           EliminationResult& out);
 

@@ -195,7 +195,7 @@ bool Workspace::ask(Question& question) {
     for (std::size_t i = 0; i < world.own.size(); ++i) {
         // Most pairs are decided by their balls, without a root.
         const auto& [a, b, balls, squared_reach] = own_[i];
-        const double squared = squared_norm(bodies_.of_robot(b).centre - bodies_.of_robot(a).centre);
+        const double squared = squared_norm(bodies_[b].centre - bodies_.of_robot(a).centre);  // b: of a still pair, an obstacle too
         if (Question::kAsksForContact && squared > squared_reach) continue;
         const double limit = question.limit(world, world.own[i]), reach = balls + limit;
         if (squared > reach * reach) continue;

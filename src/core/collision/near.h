@@ -83,7 +83,7 @@ private:
     template <class Limit, class Visit>
     bool visit_obstacles(int body, Limit limit, Visit visit) const;
 
-    // Two bodies of the robot that are checked, the sum of their balls, and the square of the distance of their centres up
+    // Two bodies that are checked, the first of the robot, the sum of their balls, and the square of the distance of their centres up
     // to which they may be in contact.
     struct OwnPair {
         int a, b;

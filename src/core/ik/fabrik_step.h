@@ -1,4 +1,4 @@
-// The step of FABRIK: one pass over the links from the target to the base, and one back.
+// The step of FABRIK: one pass over the links from the target to the base, and one back (docs/mathematics.md, "FABRIK").
 //
 // All quantities are in the axes of the target, with the arm at q. Link k is between hinge k - 1 and hinge k; the last
 // one carries the tcp. A pass computes the motion of each link, a rigid transform.
@@ -8,11 +8,7 @@
 // * Forward: N of the base is the identity; N_above = N_below X, with X chosen such that N_above is close to M_above.
 //
 // The distance of two motions is measured with a weight at two points of the link's other hinge, kHingeHalfLength to
-// both sides of its origin, and at the end of the remaining arm (the tcp, or the base), moved as one rigid body. The
-// best X has a closed form: with the points a_i, their desired positions z_i, both from the hinge's origin, and its
-// direction d,
-//
-//     tan(angle) = sum w_i d . (a_i x z_i)  /  sum w_i (a_i . z_i - (d . a_i)(d . z_i)).
+// both sides of its origin, and at the end of the remaining arm (the tcp, or the base), moved as one rigid body.
 //
 // Measured success rates for positions (to 1e-4 m, from the middle of the limits, seven arms): 0 to 76 % with hinges
 // only; 78 to 95 % with the tcp in the forward passes; 97 to 99.9 % with alternating passes of two kinds and unequal

@@ -44,7 +44,7 @@ from pinproof.collision.geometry.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.common.files import LinedMapping, refuse_unknown, require_list
+from pinproof.common.files import LinedMapping, refuse_unknown
 from pinproof.common.structs import parsed
 from pinproof.description import locate
 from pinproof.errors import FileError, InputError, MeshError, SceneError
@@ -249,7 +249,11 @@ def _scene(path: Path, content: LinedMapping) -> dict[str, Any]:
     obstacles = _octomap(path, _mapping(path, world.get("octomap") or {}, "octomap"), frames, notes)
     parts: dict[str, tuple[str, ...]] = {each.name: (each.name,) for each in obstacles}
     # Each object becomes one obstacle for each of its shapes.
-    for stated in require_list(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
+    objects = world.get("collision_objects") or []
+    if not isinstance(objects, list):
+        what = f"is {objects!r}, not a list; write '- ' before each element"
+        raise SceneError(path, what, "key world.collision_objects")
+    for stated in objects:
         name, where = _name(path, stated)
         if name in parts:
             raise SceneError(path, f"a second object is named {name!r}", where)

@@ -312,14 +312,6 @@ class LinedMapping(dict[Any, Any]):
         return f"line {line}, column {column}, {kind} {key}"
 
 
-def require_list(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
-    """Return the value of ``key``, which must be a list."""
-    if not isinstance(stated, list):
-        how = "; write '- ' before each element" if isinstance(stated, dict) else ""
-        raise error(path, f"is {stated!r}, not a list{how}", f"key {key}")
-    return stated
-
-
 def refuse_unknown(
     error: type[FileError], path: Path, kind: str, stated: Iterable[Any], valid: tuple[str, ...], where: str
 ) -> None:

@@ -78,19 +78,6 @@ def behind(row: DhRow, convention: str) -> Array:
     return row_transform(row if row.is_prismatic else replace(row, theta=0.0), convention, 0.0)
 
 
-def joint_origins(table: DhTable) -> list[Array]:
-    """The origin (4, 4) of the joint of each row, in dh_0 for the first row, else in the link before the joint."""
-    origins = [ahead(row, table.convention) for row in table.rows]
-    for i, row in enumerate(table.rows[:-1]):
-        origins[i + 1] = behind(row, table.convention) @ origins[i + 1]
-    return origins
-
-
-def tool_origin(table: DhTable) -> Array:
-    """link_n_from_tool (4, 4): the transform after the last joint, including the tool of the table."""
-    return np.array(behind(table.rows[-1], table.convention) @ table.tool)
-
-
 DENSITY = 1500.0
 """kg/m^3: the mean density of aluminium housings with motors, gears and air. The generic arm has a mass of 13.4 kg. The
 mass is too small for arms with short wrist links, which limit the radii (UR5: 3.8 kg instead of 18 kg)."""
@@ -305,16 +292,18 @@ def urdf_of_table(table: DhTable) -> str:
         return joint
 
     add("base_joint", "fixed", "base_link", "dh_0", table.base)
-    for row, origin, parent, child in zip(
-        table.rows, joint_origins(table), ["dh_0", *movable[:-1]], movable, strict=True
-    ):
+    # the origin of the joint of a row has what is behind the joint before it, which dh_0 has not
+    origins = [ahead(row, table.convention) for row in table.rows]
+    for i, row in enumerate(table.rows[:-1]):
+        origins[i + 1] = behind(row, table.convention) @ origins[i + 1]
+    for row, origin, parent, child in zip(table.rows, origins, ["dh_0", *movable[:-1]], movable, strict=True):
         joint = add(row.name, row.joint_type, parent, child, origin)
         etree.SubElement(joint, "axis", xyz="0.0 0.0 1.0")
         limit = {"effort": row.effort, "velocity": row.velocity, "lower": row.lower, "upper": row.upper}
         etree.SubElement(joint, "limit", {key: str(value) for key, value in limit.items() if math.isfinite(value)})
     for row, parent, frame in zip(table.rows, movable, frames[1:], strict=True):
         add(f"{frame}_joint", "fixed", parent, frame, behind(row, table.convention))
-    add("tool_joint", "fixed", movable[-1], TCP, tool_origin(table))
+    add("tool_joint", "fixed", movable[-1], TCP, behind(table.rows[-1], table.convention) @ table.tool)
     return '<?xml version="1.0"?>\n' + str(etree.tostring(robot, encoding="unicode", pretty_print=True))
 
 

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import fields
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -83,11 +83,6 @@ class TimedCurve(Curve, Protocol):
 
     def velocity(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) velocities in rad/s or m/s."""
-
-
-def is_timed(curve: Curve) -> TypeGuard[TimedCurve]:
-    """Whether the parameter of a curve is the time; faster than a check of all members of the protocol."""
-    return hasattr(curve, "duration") and hasattr(curve, "velocity")
 
 
 # -- the representation -----------------------------------------------------------------------------------------------

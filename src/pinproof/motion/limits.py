@@ -16,7 +16,7 @@ import numpy.typing as npt
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError, TimingError
 from pinproof.model import JointLimits, distinct
-from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, is_timed, parameter_text
+from pinproof.motion.curve import Bezier, BezierCurve, Curve, argmax, extremes, parameter_text
 from pinproof.spatial import Array, floats
 
 RATE_TOLERANCE = 1e-9
@@ -253,7 +253,7 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
     names = curve.joint_names
     if len(limits) != len(names):
         raise InputError(f"limits are those of {len(limits)} joints; the curve has {len(names)}: {', '.join(names)}")
-    timed = is_timed(curve)
+    timed = hasattr(curve, "duration") and hasattr(curve, "velocity")  # faster than a check of the protocol
     velocity = np.where(np.isnan(limits.velocity) | (not timed), np.inf, limits.velocity)
     # Accelerations that follow from the velocity limit by default say nothing about the robot.
     open_ended = limits.guessed | np.isnan(limits.acceleration) | (not timed)

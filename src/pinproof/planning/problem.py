@@ -138,17 +138,6 @@ def manifold_of(group: JointGroup, constraints: Sequence[PathConstraint]) -> Man
     return Manifold(parts, lower, upper)
 
 
-def violations_at(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint]) -> list[str]:
-    """The constraints that q (n,) violates, each as a sentence that states by how much."""
-    found = []
-    for constraint in constraints:
-        error = constraint.error(checker.group, q)
-        if not error <= constraint.tolerance:
-            excess = amount(constraint, error - constraint.tolerance)
-            found.append(f"{constraint} is violated: the error is {amount(constraint, error)}, {excess} too much")
-    return found
-
-
 def sampling_box(arm: JointGroup, ends: Array) -> Array:
     """(2, n) the joint limits; an unbounded joint gets the range of the ends (e, n), extended by pi on both sides."""
     unbounded = np.isinf(arm.limits.lower) | np.isinf(arm.limits.upper)
@@ -306,7 +295,12 @@ def _violations(
     checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint], torque_limits: TorqueLimits | None
 ) -> list[str]:
     """What q (n,) violates except distances of bodies: limits of joints, constraints of the tcp, and torques."""
-    found = checker.group.limits.violations(q, checker.group.joint_names) + violations_at(checker, q, constraints)
+    found = checker.group.limits.violations(q, checker.group.joint_names)
+    for constraint in constraints:
+        error = constraint.error(checker.group, q)
+        if not error <= constraint.tolerance:
+            excess = amount(constraint, error - constraint.tolerance)
+            found.append(f"{constraint} is violated: the error is {amount(constraint, error)}, {excess} too much")
     heavy = "" if torque_limits is None else torque_limits.standstill(q)
     return [*found, heavy] if heavy else found
 

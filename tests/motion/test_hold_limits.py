@@ -234,6 +234,17 @@ def test_part_stays_in_the_simulated_hand_and_slips_with_half_of_the_friction(ar
     assert simulated(carried, slippery=0.5)[0] > 5e-3
 
 
+def test_part_does_not_creep_in_a_simulated_hand_that_rotates_far_from_the_origin_of_the_tcp(arm) -> None:
+    """Simulated with the body of the hand at the tcp, the part moved by 2.6 mm, with half of the grip in reserve."""
+    payload, tcp_from_part = pp.Payload(0.3, (0, 0, 0), (2e-4, 2e-4, 2e-4)), pp.pose(TIP, (np.pi, 0, 0))
+    limits = HoldLimits(arm, payload.placed(tcp_from_part), two_fingers(40.0, width=0.03, side=PAD[0], at=TIP))
+    turn = np.array([arm.home, arm.home + np.array([0, 0, 0, 0, 3.0, 0])])
+    motion = pp.Trajectory([0.0, 0.8], turn, np.zeros((2, 6)), arm.joint_names)
+    assert limits.peak(motion).reserve > 0.5
+    size = np.array([0.04, 0.03, 0.05])
+    assert simulated(Carried(arm, motion, size, tcp_from_part, payload, TIP, PAD, 40.0, MU))[0] < 4e-4
+
+
 def test_motion_on_which_the_part_slips_even_at_rest_has_a_peak(arm) -> None:
     limits = HoldLimits(arm, PART, two_fingers(force=0.3 * FORCE))
     path = pp.JointPath([arm.home, arm.home + np.array([0.3, 0.2, 0, 0, 0, 0.2])], arm.joint_names)

@@ -153,23 +153,25 @@ def kinematic_tree(arm: ArmBodies) -> DynamicTree:
 
 
 def carried_tree(arm: ArmBodies, payload: Payload, gravity: npt.ArrayLike) -> tuple[DynamicTree, pin.SE3]:
-    """The tree with a body at the tcp as its only mass, and ``joint_from_tcp`` of the joint that moves the tcp.
+    """The tree with a body at a tcp as its only mass, and ``joint_from_tcp`` of the joint that moves this tcp.
 
-    InputError if the payload is not stated in the frame of the tcp, or the arm does not move the tcp.
+    InputError if the payload is not stated in the frame of a tcp, or the arm does not move that.
     """
-    model, tcp = arm.model, arm.tcp_of(None)
+    model, tcps = arm.model, [tcp for _, tcp in arm.ends.values()]
+    tcp = arm.tcp_of(None) if payload.frame is None else payload.frame
+    if tcp not in tcps:
+        raise InputError(f"a part is carried at a tcp: its frame must be {' or '.join(map(repr, tcps))}, not {tcp!r}")
     frame = model.frames[model.getFrameId(tcp, pin.FrameType.BODY)]
-    if payload.frame not in (None, tcp) or frame.parentJoint == 0:
-        reason = "is not moved by the arm" if frame.parentJoint == 0 else f"must be its frame, not {payload.frame!r}"
-        raise InputError(f"a part is carried at the tcp, {tcp!r}, which {reason}")
+    if frame.parentJoint == 0:
+        raise InputError(f"a part is carried at the tcp, {tcp!r}, which is not moved by the arm")
     model.gravity.linear = finite("gravity", gravity, (3,))
     for joint in range(model.njoints):
         model.inertias[joint] = pin.Inertia.Zero()
     model.inertias[frame.parentJoint] = frame.placement.act(payload.body)
-    return _tree_of(arm, model), aligned_axes(model, frame.parentJoint)[0].actInv(frame.placement)
+    return _tree_of(arm, model, tcp), aligned_axes(model, frame.parentJoint)[0].actInv(frame.placement)
 
 
-def _tree_of(arm: ArmBodies, model: pin.Model) -> DynamicTree:
+def _tree_of(arm: ArmBodies, model: pin.Model, tool: str | None = None) -> DynamicTree:
     axes = [(pin.SE3.Identity(), False), *(aligned_axes(model, joint) for joint in range(1, model.njoints))]
     joints, bodies = [], []
     for joint, (row, parent) in enumerate(zip(arm.scale, list(model.parents)[1:], strict=True), 1):
@@ -180,9 +182,9 @@ def _tree_of(arm: ArmBodies, model: pin.Model) -> DynamicTree:
         body = aligned.actInv(model.inertias[joint])
         # The inertia is about the origin of the joint frame.
         bodies.append(RigidBody(body.mass, body.mass * body.lever, body.matrix()[3:, 3:].copy()))
-    # The tool of a group with several arms is that of the first; limits of the tool are for one arm only.
-    _, tool = next(iter(arm.ends.values()))
-    tcp = model.frames[model.getFrameId(tool, pin.FrameType.BODY)]
+    # The tool of a group with several arms is by default that of the first; limits of the tool are for one arm only.
+    _, first = next(iter(arm.ends.values()))
+    tcp = model.frames[model.getFrameId(tool or first, pin.FrameType.BODY)]
     return DynamicTree(
         JointTree(joints, arm.dof),
         bodies,

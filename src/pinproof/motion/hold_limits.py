@@ -6,8 +6,10 @@ of a load, and bounds it over each complete piece of a motion.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,7 +21,7 @@ from pinproof.common.results import Shown, View, Written
 from pinproof.common.structs import Accepting, described, key, struct
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, SlipError
-from pinproof.model import GRAVITY, Arm, Payload, carried_tree
+from pinproof.model import GRAVITY, JointGroup, Payload, carried_tree
 from pinproof.motion.limits import LIMIT_TOLERANCE
 from pinproof.motion.rate_limits import controls_of
 from pinproof.motion.trajectory import Trajectory
@@ -63,8 +65,13 @@ class ContactPatch:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
-    def compiled(self, a_from_tcp: SE3) -> GripContact:
-        """The patch in another frame for the core: the centres of its cells, and distributions of the normal force."""
+    def placed(self, a_from_b: SE3) -> ContactPatch:
+        """The same patch, which is stated in the frame of b, in that of a."""
+        points = self.points @ a_from_b.rotation.T + a_from_b.translation
+        return replace(self, points=points, normal=a_from_b.rotation @ self.normal)
+
+    def compiled(self) -> GripContact:
+        """The patch for the core: the centres of its cells, and distributions of the normal force."""
         from scipy.spatial import ConvexHull
 
         # Plane coordinates along the principal axes of the patch, relative to its extent
@@ -92,11 +99,9 @@ class ContactPatch:
         lean = np.divide(place @ sides, reach, out=np.zeros((len(place), len(reach))), where=reach > 0.0)
         lean = np.column_stack([np.zeros(len(place)), lean])
         shares = ((1.0 - lean).clip(0.0) * (counts / counts.sum())[:, None]).T
-        own = own @ a_from_tcp.rotation.T + a_from_tcp.translation
         return GripContact(
-            own.ravel(), np.ascontiguousarray(shares).ravel(), a_from_tcp.rotation @ self.normal, self.force,
-            self.friction, self.pulls,
-        )  # fmt: skip
+            own.ravel(), np.ascontiguousarray(shares).ravel(), self.normal, self.force, self.friction, self.pulls
+        )
 
 
 @struct("hold", written=True)
@@ -107,6 +112,10 @@ class HoldPeak(Written):
     time: float = key("when a load within a relative 1e-3 of the bound occurs, from the start of the motion", "s")
     force: float = key("force on the part then, for its acceleration and against gravity", "N", minimum=0)
     moment: float = key("moment on the part then, about the centre of the contacts", "N m", minimum=0)
+    slower: float | None = key(
+        "factor of the duration with which the grip is proven to hold; null if it holds, or slips even at rest",
+        default=None,
+    )
 
     @property
     def holds(self) -> bool:
@@ -128,35 +137,39 @@ class HoldPeak(Written):
     def __str__(self) -> str:
         if self.holds:
             return f"holds with a reserve of {100.0 * self.reserve:.0f} %, least at {self.time:.2f} s"
-        return f"slips at {self.time:.2f} s: {self.words}"
+        slower = "" if self.slower is None else f"; it is held in {self.slower:.4g} times the duration"
+        return f"slips at {self.time:.2f} s: {self.words}{slower}"
 
 
 class HoldLimits(Shown):
     """Limits of a motion by the grip on a carried part, a :class:`~pinproof.motion.RateConstraint`.
 
     At every instant, contact forces within the friction cones must give the part its acceleration and carry its weight.
+    Of several hands that hold one part, the contacts of all of them share the load.
 
     Parameters
     ----------
     arm
-        The arm.
+        The arm, or a joint group whose arms hold the part together.
     part
-        Mass, centre of mass and inertia of the part, in the frame of the tcp.
+        Mass, centre of mass and inertia of the part, in the frame of the tcp; of a group, its ``frame`` is the tcp of
+        one of the arms, which moves the part.
     contacts
-        The contact patches, in the frame of the tcp.
+        The contact patches of all hands, in the frame of this tcp.
     gravity
         (3,) acceleration of free fall in m/s^2, in the root link.
 
     Raises
     ------
     InputError
-        If the arm does not move the tcp, or the contacts do not resist loads in every direction.
+        If the arm does not move the tcp, a group has several and the part names none of them, or the contacts do not
+        resist loads in every direction.
     """
 
     name = "grip"
 
     def __init__(
-        self, arm: Arm, part: Payload, contacts: Sequence[ContactPatch], *, gravity: npt.ArrayLike = GRAVITY
+        self, arm: JointGroup, part: Payload, contacts: Sequence[ContactPatch], *, gravity: npt.ArrayLike = GRAVITY
     ) -> None:
         self.arm, self.part, self.contacts = arm, part, tuple(contacts)
         self.gravity = finite("gravity", gravity, (3,))
@@ -164,8 +177,9 @@ class HoldLimits(Shown):
         if not self.contacts:
             raise InputError("a grip needs at least one contact patch")
         self._tree, self._joint_from_tcp = carried_tree(arm, part, self.gravity)
+        self._tcp = part.frame or arm.tcp_of(None)
         self._centre = np.mean([contact.points.mean(axis=0) for contact in self.contacts], axis=0)
-        self._grip = Grip([contact.compiled(self._joint_from_tcp) for contact in self.contacts])
+        self._grip = Grip([contact.placed(self._joint_from_tcp).compiled() for contact in self.contacts])
         if not self._grip.complete:
             raise InputError("the contacts do not resist forces and moments in every direction; the part would slip")
 
@@ -204,15 +218,19 @@ class HoldLimits(Shown):
         bound, piece, fraction = self._grip.peak(self._tree, *controls_of(self.arm, trajectory))
         knots = trajectory.bezier().knots
         time = float(knots[piece] + fraction * (knots[piece + 1] - knots[piece]))
+        slower: float | None = None
         if bound > 1.0:
             with suppress(SlipError):  # it slips even at rest
-                if self.excess(trajectory).max() <= 1.0 + LIMIT_TOLERANCE:  # which is a proof that it holds
+                stretch = float(self.excess(trajectory).max())
+                if stretch <= 1.0 + LIMIT_TOLERANCE:  # which is a proof that it holds
                     bound = 1.0
+                else:
+                    slower = math.ceil(1e3 * stretch) / 1e3
         # on this piece, because the acceleration may jump at its ends
         state = (trajectory.bezier(order).on(np.array([piece]), np.array([fraction])) for order in range(3))
         force, moment = self._tree.loads(*(np.ascontiguousarray(row) for row in state))[0].sum(axis=0).reshape(2, 3)
         about = np.linalg.norm(moment - np.cross(self._joint_from_tcp.act(self._centre), force))
-        return HoldPeak(bound, time, float(np.linalg.norm(force)), float(about))
+        return HoldPeak(bound, time, float(np.linalg.norm(force)), float(about), slower)
 
     def exceeded(self, trajectory: Trajectory) -> list[str]:
         """A sentence with the largest load."""
@@ -239,7 +257,7 @@ class HoldLimits(Shown):
 
     def _slip_at_rest(self, q: Array) -> SlipError:
         """The error for the configuration, of several (N, n), at which the part slips most."""
-        rests = [self.at_rest(self.arm.root_from_frame(row, self.arm.tcp)) for row in q]
+        rests = [self.at_rest(self.arm.root_from_frame(row, self._tcp)) for row in q]
         worst = int(np.argmax([rest.share for rest in rests]))
         return SlipError(f"the part slips at rest at q = {np.round(q[worst], 4).tolist()}: {rests[worst].words}")
 

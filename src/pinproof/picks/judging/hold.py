@@ -69,10 +69,17 @@ def hold_limits(
     pick: Pick, shared: Picks, grip: GripResult, tcp_from_object: SE3, arm: Arm, surface: LineSurface
 ) -> HoldLimits | None:
     """The limits of the motion by a grip that holds an object; None if :func:`hold_data_missing`."""
+    if pick.payload is None or not (contacts := contacts_of(shared, grip, str(pick.object_name))):
+        return None
+    return HoldLimits(arm, with_inertia(pick.payload, surface).placed(tcp_from_object), contacts)
+
+
+def contacts_of(shared: Picks, grip: GripResult, part: str) -> list[ContactPatch]:
+    """The contacts of a hand with the part that it holds, in the frame of its tcp; none if its force is not stated."""
     cup, limits = shared.cup, shared.grip_limits
     force = limits.force if cup is None else cup.force
-    if pick.payload is None or force is None or (cup is None and not grip.patches):
-        return None
+    if force is None:
+        return []
     friction = math.tan(limits.angle) if limits.friction is None else limits.friction
     force *= 1.0 - RESERVE
     contacts = []
@@ -86,8 +93,8 @@ def hold_limits(
         contacts.append(ContactPatch(rim, normal, force, friction, pulls=True))
     for patch in () if cup is not None else grip.patches:
         together = sum(other.branch == patch.branch for other in grip.patches)  # links of one finger share its force
-        contacts.append(_pressing(patch, force / together, friction, str(pick.object_name)))
-    return HoldLimits(arm, with_inertia(pick.payload, surface).placed(tcp_from_object), contacts)
+        contacts.append(_pressing(patch, force / together, friction, part))
+    return contacts
 
 
 def _pressing(patch: GripPatch, force: float, friction: float, part: str) -> ContactPatch:

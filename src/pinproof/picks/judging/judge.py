@@ -36,13 +36,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pinproof.collision import Obstacle, Scene
+from pinproof.collision import LineSurface, Obstacle, Scene
 from pinproof.common.results import Answer, Rows, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import JointGroup
-from pinproof.motion import CubicPath, JointPath, least_times
+from pinproof.model import JointGroup, Payload
+from pinproof.motion import ContactPatch, CubicPath, HoldLimits, HoldPeak, JointPath, Trajectory, least_times
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.input.picks import Picks
 from pinproof.picks.input.tools import Hand, Tool
@@ -62,6 +62,7 @@ from pinproof.picks.judging.grasp import (
     screen,
 )
 from pinproof.picks.judging.grip import GripResult
+from pinproof.picks.judging.hold import contacts_of, hold_data_missing, with_inertia
 from pinproof.picks.judging.lines import (
     Attempt,
     Crossing,
@@ -592,27 +593,44 @@ class HandsResult(Answer):
     """Whether every hand holds the part; result of :func:`judge_hands`."""
 
     grips: dict[str, GripResult] = key("the grip of each arm, by its name")
+    limits: HoldLimits | None = key(
+        "the limits of motions of the group by all grips together, with a payload and if every hand holds the part: a "
+        "rate limit of :func:`pinproof.planning.plan_carry`",
+        default=None,
+    )
+    hold: HoldPeak | None = key("the largest load of the motion that was judged", default=None)
 
     @property
     def ok(self) -> bool:
-        """Whether all hands hold the part."""
-        return all(grip.held for grip in self.grips.values())
+        """Whether all hands hold the part, also in the motion that was judged."""
+        return all(grip.held for grip in self.grips.values()) and (self.hold is None or self.hold.holds)
 
     @property
     def message(self) -> str:
-        """The reason of each hand that does not hold the part, or what all hands touch."""
-        shown = {name: grip for name, grip in self.grips.items() if self.ok or not grip.held}
-        return "; ".join(f"{name}: {grip.message}" for name, grip in shown.items())
+        """The reason of each hand that does not hold the part, or what all hands touch and whether they carry it."""
+        every = all(grip.held for grip in self.grips.values())
+        shown = [f"{name}: {grip.message}" for name, grip in self.grips.items() if every or not grip.held]
+        return "; ".join(shown if self.hold is None else [*shown, f"the part {self.hold}"])
 
     def _view(self) -> View:
         rows = [(name, "holds" if grip.held else "does not hold", grip.message) for name, grip in self.grips.items()]
         return View(self.message, [Rows(("arm", "grip", "reason"), rows)])
 
 
-def judge_hands(group: JointGroup, part: Obstacle, grasps: Mapping[str, SE3], tools: Mapping[str, Tool]) -> HandsResult:
+def judge_hands(
+    group: JointGroup,
+    part: Obstacle,
+    grasps: Mapping[str, SE3],
+    tools: Mapping[str, Tool],
+    *,
+    payload: Payload | None = None,
+    motion: Trajectory | None = None,
+) -> HandsResult:
     """Judge for each arm of a joint group whether its hand holds a part, by the criteria of the grip of a pick.
 
-    A motion of these arms with the part is planned by :func:`pinproof.planning.plan_carry`.
+    A motion of these arms with the part is planned by :func:`pinproof.planning.plan_carry`. With a payload, the hands
+    must also carry the part in a motion: at every instant, between samples too, forces at the contacts of all hands
+    must exist that give the part its acceleration and carry its weight.
 
     Parameters
     ----------
@@ -624,21 +642,30 @@ def judge_hands(group: JointGroup, part: Obstacle, grasps: Mapping[str, SE3], to
         ``tcp_from_part`` of each arm that holds it.
     tools
         The tool of each of these arms, with the criteria of its grip. Without fingers and cup, the tip must be at the
-        surface of the part.
+        surface of the part. With a payload, each states its force.
+    payload
+        Mass, centre of mass and inertia of the part, in the frame of the part; by default, the inertia is that of a
+        uniform density.
+    motion
+        A motion of the group with the part; it needs the payload. The part moves with the first of these arms.
 
     Raises
     ------
     UnknownNameError
         If the group has no arm of a name.
     InputError
-        If no arm is named, an arm has no tool, or a tool does not fit its robot.
+        If no arm is named, an arm has no tool, or a tool does not fit its robot; if there is a motion but no payload,
+        a payload but no force of a tool, or the contacts do not resist loads in every direction.
     """
     require_type("part", part, Obstacle)
     require_type("grasps", grasps, Mapping)
     require_type("tools", tools, Mapping)
     if not grasps:
         raise InputError("grasps names no arm; state tcp_from_part of each arm that holds the part")
-    grips = {}
+    if motion is not None and payload is None:
+        raise InputError("the motion needs the payload: whether the hands carry the part depends on its mass")
+    leader, leader_from_part = next((name, rigid(f"grasps[{name!r}]", pose)) for name, pose in grasps.items())
+    grips, contacts = {}, list[ContactPatch]()
     for name, given in grasps.items():
         if name not in group.ends:
             raise UnknownNameError("arm", name, group.ends, "grasps")
@@ -652,6 +679,17 @@ def judge_hands(group: JointGroup, part: Obstacle, grasps: Mapping[str, SE3], to
         arm = group.arms[name].with_held(tool.held)
         check_held_joints(arm, shared)
         cell = PickCell(checker_of_picks(arm, Scene(), shared), shared, arm.home)
-        task = PickTask(Pick(part.name, tcp_from_part.actInv(tool.tip), carried=in_hand), cell)
+        task = PickTask(Pick(part.name, tcp_from_part.actInv(tool.tip), carried=in_hand, payload=payload), cell)
         grips[name] = task.grip(task.nearest_group[0])
-    return HandsResult(grips)
+        if payload is not None and (missing := hold_data_missing(task.pick, shared)):
+            raise InputError(f"tools[{name!r}] does not state {' and '.join(missing)}")
+        # The contacts of all hands in the frame of the first, which the part follows
+        if grips[name].held:
+            own = contacts_of(shared, grips[name], part.name) if payload is not None else []
+            contacts += [patch.placed(leader_from_part * tcp_from_part.inverse()) for patch in own]
+    if payload is None or not all(grip.held for grip in grips.values()):
+        return HandsResult(grips)
+    body = with_inertia(payload.placed(part.pose.inverse()), LineSurface.of_obstacle(part))
+    body = replace(body.placed(leader_from_part * part.pose), frame=group.tcp_of(leader))
+    limits = HoldLimits(group, body, contacts)
+    return HandsResult(grips, limits, None if motion is None else limits.peak(motion))

@@ -10,7 +10,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.collision.checking.line_surface import LineSurface
-from pinproof.picks import GripLimits, PickStatus, Stage, SuctionCup
+from pinproof.picks import GripLimits, GripSuggestion, PickStatus, Stage, SuctionCup
 from pinproof.picks.judging.grip import FingerContact, GripPatch, GripResult, PlacedSurface, grip_by_cup
 from pinproof.picks.judging.hold import RESERVE, hold_limits, with_inertia
 
@@ -25,13 +25,13 @@ def bin_cell() -> tuple[pp.Arm, pp.Scene, pp.Picks]:
     return cell_of("panda", "bin_picks.yaml", "standing", "leaning")
 
 
-def judged(cell, name: str, mass: float | None = MASS, **limits):
+def judged(cell, name: str, mass: float | None = MASS, budget: pp.picks.PickBudget = QUICK, **limits):
     """The verdict on a pick of the bin with a mass and values of the grip."""
     arm, scene, picks = cell
     (pick,) = (pick for pick in picks if pick.name == name)
     payload = None if mass is None else pp.Payload(mass, (0, 0, 0), (2e-4, 2e-4, 2e-4))
     picks = replace(picks, picks=(replace(pick, payload=payload),), grip_limits=GripLimits(**limits))
-    return pp.validate_picks(arm, scene, picks, budget=QUICK)
+    return pp.validate_picks(arm, scene, picks, budget=budget)
 
 
 def test_reserve_and_instant_are_those_of_the_motions_with_the_part(bin_cell) -> None:
@@ -69,6 +69,23 @@ def test_part_that_slips_at_rest_makes_the_pick_impossible_before_planning(bin_c
 def test_more_friction_or_force_holds_what_slips(bin_cell) -> None:
     assert not judged(bin_cell, "leaning", force=9.0).verdicts[0].ok
     assert judged(bin_cell, "leaning", force=9.0, friction=0.9).verdicts[0].ok
+
+
+def test_force_and_friction_that_carry_a_part_that_slips_are_suggested(bin_cell) -> None:
+    arm, scene, picks = bin_cell
+    (verdict,) = judged(bin_cell, "leaning", force=9.0, budget=replace(QUICK, remedies=12)).verdicts
+    assert verdict.failed is Stage.HOLD
+    force, friction = (each for each in verdict.suggestions if isinstance(each, GripSuggestion))
+    assert (force.value, friction.value) == ("grip_limits.force", "grip_limits.friction")
+    assert 9.0 < force.after < 15.0
+    assert "from 9 N to" in str(force)
+    assert friction.before < friction.after <= 1.0
+    limits = {"grip_limits": GripLimits(force=9.0)}
+    for each in (force, friction):
+        changed = replace(picks, picks=(each.apply(verdict.pick),), **limits)
+        assert pp.validate_picks(arm, scene, changed, budget=QUICK).verdicts[0].ok
+    with pytest.raises(pp.InputError, match="its force is"):
+        force.apply(replace(force.apply(verdict.pick)))
 
 
 def test_force_beyond_what_the_part_withstands_fails_the_grip(bin_cell) -> None:
@@ -207,4 +224,12 @@ def test_program_that_is_run_faster_is_refused_where_the_part_slips(bin_cell) ->
     *before, retreat = program.segments
     fast = replace(program, segments=(*before, replace(retreat, trajectory=faster(retreat.trajectory))))
     messages = [proof.message for proof in report.setup.recertify(fast, verdict.pick) if not proof.free]
-    assert any("the part slips at" in message for message in messages)
+    (message,) = (message for message in messages if "the part slips at" in message)
+    # The factor that the message states is at least that by which the motion is too fast
+    assert "it is held in 1." in message
+    factor = float(message.split("it is held in ")[1].split()[0])
+    assert factor <= 1.03 / 0.7
+    slow = replace(
+        program, segments=(*before, replace(retreat, trajectory=fast.segments[-1].trajectory.slowed(factor)))
+    )
+    assert not any("slips" in proof.message for proof in report.setup.recertify(slow, verdict.pick))

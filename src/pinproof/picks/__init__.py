@@ -54,8 +54,8 @@ from pinproof.picks.judging.place import (
 )  # fmt: skip
 from pinproof.picks.judging.setup import PickSetup as PickSetup
 from pinproof.picks.judging.suggest import (
-    LengthSuggestion as LengthSuggestion, RetreatSuggestion as RetreatSuggestion, ShiftSuggestion as ShiftSuggestion,
-    TurnSuggestion as TurnSuggestion,
+    GripSuggestion as GripSuggestion, LengthSuggestion as LengthSuggestion, RetreatSuggestion as RetreatSuggestion,
+    ShiftSuggestion as ShiftSuggestion, TurnSuggestion as TurnSuggestion,
 )  # fmt: skip
 from pinproof.picks.judging.task import (
     PickCell as PickCell, PickTask as PickTask,

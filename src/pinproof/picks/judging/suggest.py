@@ -1,11 +1,11 @@
 """Suggestions: the smallest changes of a failed pick that help, each judged as a complete pick before it is made.
 
-The kinds of change are a shorter line, a vertical retreat, a turn about the approach direction, a tilt, a shift of the
-pick, and a shift of its place. The candidates of each kind are ordered by size. A candidate is a :class:`Suggestion`
-with every number as its text states it; it is applied to the pick, and the result is judged through all stages, so the
-printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
-verdict. If none is good, it is the smallest candidate that passes the stage that failed, and the text states the later
-stage at which it fails.
+The kinds of change are a shorter line, a vertical retreat, a larger force or friction of the grip, a turn about the
+approach direction, a tilt, a shift of the pick, and a shift of its place. The candidates of each kind are ordered by
+size. A candidate is a :class:`Suggestion` with every number as its text states it; it is applied to the pick, and the
+result is judged through all stages, so the printed text is exactly what was judged. The suggestion is the smallest
+judged candidate of its kind with a good verdict. If none is good, it is the smallest candidate that passes the stage
+that failed, and the text states the later stage at which it fails.
 
 If a pick takes an obstacle of the scene and places it, the grasp and the place move together, so that the object is put
 down at the same pose. An object that the pick itself describes is attached to the tip and moves with the pick alone.
@@ -170,6 +170,31 @@ class RetreatSuggestion(Suggestion):
         return replace(pick, retreat_direction=UP, retreat_frame=ROOT)
 
 
+@dataclass(frozen=True, kw_only=True)
+class GripSuggestion(Suggestion):
+    """Grip with a larger force (N) or more friction; ``value`` is the key of a pick, such as ``grip_limits.force``."""
+
+    value: Literal["grip_limits.force", "grip_limits.friction", "cup.force", "cup.friction"]
+    before: float
+    after: float
+
+    @property
+    def text(self) -> str:
+        """The change in one line."""
+        unit = " N" if self.value.endswith("force") else ""
+        return f"raise `{self.value}` from {self.before:.4g}{unit} to {self.after:.10g}{unit}"
+
+    def apply(self, pick: Pick) -> Pick:
+        """Return the pick with the value."""
+        self.refuse_part(pick)
+        hand, name = self.value.split(".")
+        own = pick.cup if hand == "cup" else pick.grip_limits
+        if own.get(name, self.before) != self.before:
+            raise self.does_not_fit(pick, f"its {name} is {own[name]:g}")
+        changed = {**own, name: self.after}
+        return replace(pick, cup=changed) if hand == "cup" else replace(pick, grip_limits=changed)
+
+
 # -- candidates -------------------------------------------------------------------------------------------------------
 
 DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
@@ -195,6 +220,12 @@ TURNS = tuple(range(15, 181, 15))
 
 TILTS = (5, 10, 15, 20, 30)
 """Degrees about the axes across the approach direction, to either side."""
+
+STRONGER = (1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0)
+"""Forces and frictions, as multiples of those that carry the part at rest."""
+
+MOST_FRICTION = 1.0
+"""Largest friction that is suggested, that of rubber on dry parts."""
 
 POSES = 6000
 """Poses of the tip, weighted by the cost of their inverse kinematics, that are screened before any pick is judged."""
@@ -421,6 +452,9 @@ def suggest(
         upwards = trials()
         upwards.good(Change(pick, RetreatSuggestion, 0.0))
         found.append(upwards.suggestion())
+    # A stronger grip if the part slips
+    if stage is Stage.HOLD:
+        found += [_stronger(task, pick, failed, name, trials()) for name in ("force", "friction")]
     # Another place, another rotation, another tilt, another position
     if stage is Stage.PLACE and pick.place is not None:
         found.append(_nearest_shift(task, pick, stage, trials(of_place=True), of_place=True))
@@ -459,6 +493,27 @@ def _shorter(task: PickTask, pick: Pick, stage: Stage, attempt: Attempt, trials:
     step = 1  # other configurations may allow more
     while low + step < high and trials.good(to_length(low + step)):
         low, step = low + step, 2 * step
+    return trials.suggestion()
+
+
+def _stronger(
+    task: PickTask, pick: Pick, failed: StageResult, name: Literal["force", "friction"], trials: _Trials
+) -> Suggestion | None:
+    """The smallest good force or friction of those tried, each a multiple of what carries the part at rest."""
+    limits, cup = task.cell.shared.grip_limits, task.cell.shared.cup
+    value = getattr(limits, name) if cup is None or getattr(cup, name) is None else getattr(cup, name)
+    value = float(np.tan(limits.angle)) if value is None else value
+    share = 1.0 - failed.figures.get("reserve", 0.0)  # slipping during a motion states none
+    if not np.isfinite(share):  # at an edge, where no force helps
+        share = np.nan if name == "force" else 1.0
+    key = f"{'grip_limits' if cup is None else 'cup'}.{name}"
+    values = [np.ceil(100.0 * share * factor * value) / 100.0 for factor in STRONGER]
+    changes = [
+        Change(pick, partial(GripSuggestion, value=key, before=value, after=after), after)
+        for after in values
+        if after > value and (name == "force" or after <= MOST_FRICTION)
+    ]
+    any(map(trials.good, changes))
     return trials.suggestion()
 
 

@@ -119,6 +119,34 @@ def test_a_bad_row_is_reported_with_its_reason_and_the_others_are_kept(write, ro
         assert problem.reason.startswith("line 4, column ")
 
 
+@pytest.mark.parametrize(
+    ("row", "key"),
+    [
+        ("retreat: 0, retreat_direction: [0, 0, 1]", "retreat_direction"),
+        ("retreat: 0, retreat_frame: tip", "retreat_frame"),
+        ("approach_frame: root", "approach_frame"),
+        ("object: bolt, place: {object_pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}, approach: 0, approach_frame: root}",
+         "place.approach_frame"),
+        ("object: bolt, place: {object_pose: {xyz: [0, 0, 0], rpy: [0, 0, 0]}, retreat_frame: root}",
+         "place.retreat_frame"),
+    ],
+)  # fmt: skip
+def test_a_direction_or_a_frame_without_its_line_is_refused_at_its_key(write, row, key) -> None:
+    stated = f"{{name: a, xyz: [0.4, 0.1, 0.2], {row}}}"
+    (problem,) = pp.read_picks(write(GOOD_ROW, stated)).problems
+    column = 5 + stated.index(key.rpartition(".")[2])
+    assert problem.reason.startswith(f"line 4, column {column}, key {key}: ")
+
+
+def test_the_direction_of_a_line_without_length_may_be_a_default(write) -> None:
+    lines = "retreat: 0, retreat_direction: [1, 0, 0], approach: 0, approach_direction: [0, 1, 0]"
+    loaded = pp.read_picks(
+        write("{name: a, xyz: [0, 0, 0], retreat: 0.1}", shared=f"defaults: {{rpy: [0, 0, 0], {lines}}}")
+    )
+    assert not loaded.problems
+    assert loaded.picks[0].after(loaded.picks[0].pose).translation == pytest.approx([0.1, 0, 0])
+
+
 def test_an_orientation_is_required(write) -> None:
     picks = pp.read_picks(write(GOOD_ROW, "{name: turned, xyz: [0, 0, 1], rpy: [0, 0, 0]}", shared="margin: 0"))
     assert [pick.name for pick in picks] == ["turned"]

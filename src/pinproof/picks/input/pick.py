@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import product
 from math import prod
@@ -613,8 +613,29 @@ def completed(defaults: Mapping[str, Any], row: Mapping[str, Any]) -> LinedMappi
     return whole
 
 
-def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick]:
-    """The pick of a row of a file at a path, or the picks of its pattern; InputError if it is invalid."""
+def _refuse_unused(stated: Mapping[str, Any], whole: Mapping[str, Any], lines: StraightLines, *steps: str) -> None:
+    """Raise Misread at a key of a straight line that has no effect: the line has no length, or a frame no direction.
+
+    ``whole`` is what is stated with the defaults. Without an approach, its direction is still that of the spin and of
+    the grip. The direction may be that of a grasp of the part.
+    """
+    for move in ("retreat",) if isinstance(lines, Pick) else MOVES:
+        for name in (f"{move}_direction", f"{move}_frame"):
+            if name in stated and getattr(lines, move) == 0.0:
+                reason = f"has no effect, because {move} is 0; state the length of the line, or remove the key"
+                raise st.Misread(reason, (*steps, f".{name}"), st.position(stated, name))
+    for name in () if isinstance(lines, Pick) and lines.part else (f"{move}_frame" for move in MOVES):
+        direction, usual = name.replace("frame", "direction"), next(k for k in fields(lines) if k.name == name).default
+        if name in stated and direction not in whole and getattr(lines, name) != usual:
+            reason = f"is the frame of {direction}, which is not stated; state the direction, or remove the key"
+            raise st.Misread(reason, (*steps, f".{name}"), st.position(stated, name))
+
+
+def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path, *, incomplete: bool = False) -> list[Pick]:
+    """The pick of a row of a file at a path, or the picks of its pattern; InputError if it is invalid.
+
+    A row that is ``incomplete``, the defaults, need not state the length of the lines of which it states the direction.
+    """
     if not isinstance(row, dict):
         raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
     if "name" not in row:
@@ -633,6 +654,10 @@ def picks_of_row(row: Any, defaults: Mapping[str, Any], path: Path) -> list[Pick
     values = PICK.values("the pick", whole, path)
     pattern = values.pop("pattern", None)
     first: Pick = PICK.made(whole, values)
+    if not incomplete:
+        _refuse_unused(row, whole, first)
+        if first.place is not None and isinstance(own := row.get("place"), dict):
+            _refuse_unused(own, own, first.place, ".place")
     if pattern is None:
         return [first]
     # Its copies on a grid

@@ -512,7 +512,7 @@ def open_picks(path: str | Path) -> PickSource:
             turned = {} if {"rpy", "quat_xyzw"} & stated.keys() else {"rpy": [0, 0, 0]}
             posed = {"part": "any"} if {"part", "grasp"} & stated.keys() else {"xyz": [0, 0, 0], **turned}
             example = {"name": "defaults", "object": "any", **posed}
-            picks_of_row(completed(example, stated), {}, path)
+            picks_of_row(completed(example, stated), {}, path, incomplete=True)
             return stated
 
         defaults = st.step(".defaults", st.position(content, "defaults"), readable, content.get("defaults", {}))

@@ -613,7 +613,7 @@ def completed(defaults: Mapping[str, Any], row: Mapping[str, Any]) -> LinedMappi
     return whole
 
 
-def _refuse_unused(stated: Mapping[str, Any], whole: Mapping[str, Any], lines: StraightLines, *steps: str) -> None:
+def _refuse_unused(stated: Mapping[str, Any], whole: Mapping[str, Any], lines: Pick | PlaceTarget, *steps: str) -> None:
     """Raise Misread at a key of a straight line that has no effect: the line has no length, or a frame no direction.
 
     ``whole`` is what is stated with the defaults. Without an approach, its direction is still that of the spin and of

@@ -174,7 +174,7 @@ class RetreatSuggestion(Suggestion):
 class GripSuggestion(Suggestion):
     """Grip with a larger force (N) or more friction; ``value`` is the key of a pick, such as ``grip_limits.force``."""
 
-    value: Literal["grip_limits.force", "grip_limits.friction", "cup.force", "cup.friction"]
+    value: str
     before: float
     after: float
 
@@ -184,9 +184,7 @@ class GripSuggestion(Suggestion):
         unit = " N" if self.value.endswith("force") else ""
         return f"raise `{self.value}` from {self.before:.4g}{unit} to {self.after:.10g}{unit}"
 
-    def apply(self, pick: Pick) -> Pick:
-        """Return the pick with the value."""
-        self.refuse_part(pick)
+    def _changed(self, pick: Pick) -> Pick:
         hand, name = self.value.split(".")
         own = pick.cup if hand == "cup" else pick.grip_limits
         if own.get(name, self.before) != self.before:
@@ -507,7 +505,7 @@ def _stronger(
     if not np.isfinite(share):  # at an edge, where no force helps
         share = np.nan if name == "force" else 1.0
     key = f"{'grip_limits' if cup is None else 'cup'}.{name}"
-    values = [np.ceil(100.0 * share * factor * value) / 100.0 for factor in STRONGER]
+    values = [float(np.ceil(100.0 * share * factor * value) / 100.0) for factor in STRONGER]
     changes = [
         Change(pick, partial(GripSuggestion, value=key, before=value, after=after), after)
         for after in values

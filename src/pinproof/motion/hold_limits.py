@@ -70,8 +70,8 @@ class ContactPatch:
         points = self.points @ a_from_b.rotation.T + a_from_b.translation
         return replace(self, points=points, normal=a_from_b.rotation @ self.normal)
 
-    def compiled(self) -> GripContact:
-        """The patch for the core: the centres of its cells, and distributions of the normal force."""
+    def compiled(self, a_from_tcp: SE3) -> GripContact:
+        """The patch in another frame for the core: the centres of its cells, and distributions of the normal force."""
         from scipy.spatial import ConvexHull
 
         # Plane coordinates along the principal axes of the patch, relative to its extent
@@ -99,9 +99,11 @@ class ContactPatch:
         lean = np.divide(place @ sides, reach, out=np.zeros((len(place), len(reach))), where=reach > 0.0)
         lean = np.column_stack([np.zeros(len(place)), lean])
         shares = ((1.0 - lean).clip(0.0) * (counts / counts.sum())[:, None]).T
+        own = own @ a_from_tcp.rotation.T + a_from_tcp.translation
         return GripContact(
-            own.ravel(), np.ascontiguousarray(shares).ravel(), self.normal, self.force, self.friction, self.pulls
-        )
+            own.ravel(), np.ascontiguousarray(shares).ravel(), a_from_tcp.rotation @ self.normal, self.force,
+            self.friction, self.pulls,
+        )  # fmt: skip
 
 
 @struct("hold", written=True)
@@ -179,7 +181,7 @@ class HoldLimits(Shown):
         self._tree, self._joint_from_tcp = carried_tree(arm, part, self.gravity)
         self._tcp = part.frame or arm.tcp_of(None)
         self._centre = np.mean([contact.points.mean(axis=0) for contact in self.contacts], axis=0)
-        self._grip = Grip([contact.placed(self._joint_from_tcp).compiled() for contact in self.contacts])
+        self._grip = Grip([contact.compiled(self._joint_from_tcp) for contact in self.contacts])
         if not self._grip.complete:
             raise InputError("the contacts do not resist forces and moments in every direction; the part would slip")
 

@@ -19,6 +19,7 @@ TOPICS = {
     "holding": "grips in motion, against linear programmes and simulations with contact",
     "sequence": "the order of picks",
     "cell": "base placement",
+    "tool_paths": "tool paths against independent audits, and Descartes on the same graphs",
     "rates": "bounds of torque and tool motion against dense samples; the table of docs/dynamics.md",
 }
 """The modules of this package that are benchmarks, and what they measure."""

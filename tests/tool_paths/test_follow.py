@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from benchmarks.tool_path_audits import arm_of, random_problem, wrong
 
 import pinproof as pp
 from pinproof.tool_paths import FollowCosts, FollowStatus, Obstruction, ToolPath
-
-from .audits import arm_of, random_problem, wrong
 
 UP = (0.0, 0.0, 1.0)
 LINE = np.column_stack([np.full(7, 0.4), np.linspace(-0.3, 0.3, 7), np.full(7, 0.2)])

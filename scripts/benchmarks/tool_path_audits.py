@@ -13,7 +13,8 @@ ARMS = ("ur5", "irb120", "crx10ia", "puma560", "panda")
 
 
 @cache
-def arm_of(name: str):
+def arm_of(name: str) -> pp.Arm:
+    """An arm of the catalogue."""
     return pp.load_robot(name).arm()
 
 

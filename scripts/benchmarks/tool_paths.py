@@ -66,7 +66,8 @@ def large_problem(rail: float) -> tuple[pp.CollisionChecker, ToolPath, dict[str,
     if rail:
         text = (
             '<link name="rail"/><joint name="rail_joint" type="prismatic"><parent link="rail"/>'
-            f'<child link="{robot.urdf.root}"/><axis xyz="0 1 0"/><limit lower="{-rail / 2}" upper="{rail / 2}" velocity="1" effort="1"/>'
+            f'<child link="{robot.urdf.root}"/><axis xyz="0 1 0"/>'
+            f'<limit lower="{-rail / 2}" upper="{rail / 2}" velocity="1" effort="1"/>'
             "</joint>"
         )
         robot = pp.load_robot(robot.urdf.text.replace("</robot>", f"{text}</robot>"))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.tool_path_audits import arm_of, off_the_path
 
 import pinproof as pp
 from pinproof.motion import JointMove, LinearMove, RobotProgram, SetOutput
@@ -19,8 +20,6 @@ from pinproof.tool_paths import (
     rotation_strip,
     suggest_changes,
 )
-
-from .audits import arm_of, off_the_path
 
 UP = (0.0, 0.0, 1.0)
 ANGLE = np.linspace(0.0, 2.0 * np.pi, 33)

@@ -540,11 +540,12 @@ def _search(
         return _not_good(task, (*stages, unplaced), tried)
     # The best motion that can be timed
     while (motion := search.run() or search.with_full_budget()) is not None:
-        result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
-        if timed is None:
-            search.reject(motion, (*motion.stages, result))
+        timed = time_motion(task, motion.attempt, motion.path, motion.placing)
+        if isinstance(timed, StageResult):
+            search.reject(motion, (*motion.stages, timed))
             continue
         # Good: the last stage states the number of candidates that it was compared to, planned or excluded by a bound
+        *held, result = timed.stages
         excluded, untried = search.left(motion)
         counts = {"complete": search.made, "excluded": excluded, "untried": untried}
         compared = search.made + excluded
@@ -552,23 +553,8 @@ def _search(
         notes += [f"{untried} more not tried within the budget"] if untried else []
         figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
         result = replace(result, message="; ".join([result.message, *notes]), figures=figures)
-        member = motion.attempt.candidate.member
-        verdict = PickVerdict(
-            task.pick,
-            PickStatus.GOOD,
-            (*stages, *motion.stages, *([] if timed.hold is None else [timed.hold]), result),
-            tried,
-            motion.attempt.q,
-            timed.trajectory,
-            timed.grasp_time,
-            timed.motions[0].certificate if task.name is None else None,
-            timed.motions,
-            timed.release_time,
-            member=member.words,
-            score=motion.parts,
-            grip=None if task.name is None else replace(task.grip(member), patches=()),
-        )
-        return verdict, None
+        every = (*stages, *motion.stages, *held, result)
+        return replace(timed, stages=every, configurations=tried, score=motion.parts), None
     # No motion is complete: the reason is that of the attempt that passed the most stages
     if search.failed:
         farthest = max(reversed(search.failed), key=len)

@@ -36,7 +36,7 @@ from pinproof.picks.judging.hold import held_in_motion
 from pinproof.picks.judging.lines import Attempt, Pairs
 from pinproof.picks.judging.place import Release
 from pinproof.picks.judging.task import CARRYING, PickTask, peaks_of, rate_limits
-from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
+from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
 from pinproof.planning import MovingEnds, optimise
 from pinproof.spatial import Array
 
@@ -179,17 +179,6 @@ Curves = tuple[JointPath | BlendedPath | CubicPath, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class TimedPart:
-    """The motions of a complete pick, the times (s) of grasp and release, and the stage hold if it is judged."""
-
-    motions: tuple[PickMotion, ...]
-    trajectory: Trajectory
-    grasp_time: float
-    release_time: float | None
-    hold: StageResult | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class MotionPart:
     """A part of a pick's motion before it is timed: its curves, and the conditions under which it is certified."""
 
@@ -207,8 +196,8 @@ class MotionPart:
 @step(Stage.TIMING.value)
 def time_motion(
     task: PickTask, attempt: Attempt, path: JointPath, placing: Release | None
-) -> tuple[StageResult, TimedPart | None]:
-    """Time and certify all parts of a motion."""
+) -> PickVerdict | StageResult:
+    """Time and certify all parts of a motion: the good verdict with its last stages, or the stage that fails."""
     # All parts, without stops where the arm may pass the end of a line
     motions: list[PickMotion] = []
     try:
@@ -218,7 +207,7 @@ def time_motion(
         for number, part in enumerate(timing.parts):
             motion, why = timing.motion(number)
             if motion is None:
-                return StageResult(Stage.TIMING, False, f"{part.name}: {why}"), None
+                return StageResult(Stage.TIMING, False, f"{part.name}: {why}")
             motions.append(motion)
         # The arm is at the grasp after these motions, and at the release after those
         if task.name is None:
@@ -229,7 +218,7 @@ def time_motion(
         joined = Trajectory.join(*(each.trajectory for each in motions))
     except TimingError as error:
         stage = Stage.HOLD if isinstance(error, SlipError) else Stage.TIMING
-        return StageResult(stage, False, str(error)), None
+        return StageResult(stage, False, str(error))
     # The figures of the complete motion
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
@@ -249,11 +238,23 @@ def time_motion(
         }
         hold = held_in_motion(limits, carried)
         if not hold.ok:
-            return hold, None
+            return hold
         message += f"; {hold.message}"
     release_time = None if placing is None else Trajectory.join(*until_release).duration
-    timed = TimedPart(tuple(motions), joined, Trajectory.join(*until_grasp).duration, release_time, hold)
-    return StageResult(Stage.TIMING, True, message, figures), timed
+    member, last = attempt.candidate.member, StageResult(Stage.TIMING, True, message, figures)
+    return PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        (last,) if hold is None else (hold, last),
+        q_grasp=attempt.q,
+        trajectory=joined,
+        grasp_time=Trajectory.join(*until_grasp).duration,
+        certificate=motions[0].certificate if task.name is None else None,
+        motions=tuple(motions),
+        release_time=release_time,
+        member=member.words,
+        grip=None if task.name is None else replace(task.grip(member), patches=()),
+    )
 
 
 def time_part(task: PickTask, part: MotionPart, attempt: Attempt) -> tuple[PickMotion | None, str]:

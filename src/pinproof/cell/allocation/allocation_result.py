@@ -150,10 +150,6 @@ class AllocationResult(Answer, Saved, Written):
     @reported()
     def arms(self) -> tuple[ArmTime, ...]:
         """The program of each arm."""
-        return self._arms
-
-    @cached_property
-    def _arms(self) -> tuple[ArmTime, ...]:
         times = []
         for name in self.group.ends:
             pieces = self.programs.get(name, [])
@@ -161,9 +157,8 @@ class AllocationResult(Answer, Saved, Written):
             waiting = sum(piece.duration for piece in pieces if piece.name == WAIT)
             duration = pieces[-1].end if pieces else 0.0
             share = (duration - waiting) / self.makespan if self.makespan else 0.0
-            times.append(
-                ArmTime(name, () if sequence is None else sequence.order, duration, waiting, share, tuple(pieces))
-            )
+            order = () if sequence is None else sequence.order
+            times.append(ArmTime(name, order, duration, waiting, share, tuple(pieces)))
         return tuple(times)
 
     @reported(name="left_out")

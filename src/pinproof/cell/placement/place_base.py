@@ -35,7 +35,6 @@ from pinproof.cell.placement.screening import (
     GridTask,
     PlacementScreening,
     RefineTask,
-    codes_of,
     evolution_strategy,
     penalised,
 )
@@ -315,7 +314,7 @@ class _PlacementSearch:
             np.repeat(np.arange(len(screenings)), len(grid)),
             axes,
             np.array([row["base"] for row in rows]),
-            codes_of(rows),
+            np.array([list(map(int, row["codes"])) for row in rows], dtype=np.int8),
             np.array([row["working"] for row in rows]) / total,
             *(np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in ("seconds", "estimate")),
         )

@@ -272,9 +272,8 @@ class PlacementResult(Answer, Saved, Written):
             np.linspace(low, high, len(centres) + 1) if high > low else np.array([low - 0.005, low + 0.005])
             for centres, (low, high) in zip(grid.axes[:2], (self.region.x, self.region.y), strict=True)
         )
-        for number, name in enumerate(grid.choices):
-            share = grid.over_floor(grid.share, number)
-            seconds = grid.over_floor(grid.seconds, number, np.nanmin)
+        for number, floor in enumerate(grid.floors):
+            name, share, seconds = floor.choice, floor.share, floor.seconds
             for panel, values, label, colours, limits in (
                 (panels[number][0], share, "share of picks that pass screening", "viridis", (0.0, 1.0)),
                 (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),

@@ -172,11 +172,6 @@ class PlacementRegion:
         )
         return x, y, z, yaw
 
-    def contains(self, values: npt.ArrayLike) -> bool:
-        """Whether x, y, z, yaw (4,) are in the ranges; forbidden zones are not checked."""
-        placement = np.asarray(values, dtype=float)
-        return bool((placement >= self.lower - 1e-12).all() and (placement <= self.upper + 1e-12).all())
-
 
 @described(eq=False)
 class PlacementChoice:

@@ -406,12 +406,6 @@ def score_rows(scores: PlacementScores, objective: str) -> list[dict[str, Any]]:
     return rows
 
 
-def codes_of(rows: Sequence[Mapping[str, Any]]) -> npt.NDArray[np.int8]:
-    """(m, P) the codes of rows of :func:`score_rows`."""
-    digits = np.frombuffer("".join(row["codes"] for row in rows).encode("ascii"), dtype=np.int8)
-    return (digits - ord("0")).reshape(len(rows), -1)
-
-
 def penalised(row: Mapping[str, Any], total: int) -> float:
     """The value that is minimised: the estimate, or a penalty for each pick that fails."""
     if row["estimate"] is not None:

@@ -213,6 +213,7 @@ def depths_while_closing(
     return tuple(found)
 
 
+@dataclass(eq=False)
 class OpenHand:
     """The open hand and a part that lies still or moves on a belt, without anything else.
 
@@ -220,23 +221,18 @@ class OpenHand:
     with their ``depths`` at the grasp, and ``hand`` the names of all bodies and links that may touch the part.
     """
 
-    def __init__(
-        self,
-        outside: CollisionChecker,
-        part: Obstacle,
-        surface: LineSurface,
-        palm: Sequence[HandBody],
-        depths: Sequence[BodyDepth],
-        hand: Sequence[str],
-    ) -> None:
-        self._outside, self.part, self._surface = outside, part, surface
-        self._palm, self._depths, self._hand = tuple(palm), tuple(depths), tuple(hand)
-        self._padding = 0.0
+    outside: CollisionChecker
+    part: Obstacle
+    surface: LineSurface
+    palm: tuple[HandBody, ...]
+    depths: tuple[BodyDepth, ...]
+    hand: tuple[str, ...]
+    padding: float = 0.0
 
     def padded(self, by: float) -> OpenHand:
         """The same for a part that may be displaced by up to ``by`` metres, which only concerns the open fingers."""
         other = copy(self)
-        other._padding = by
+        other.padding = by
         return other
 
     @cached_property
@@ -255,22 +251,22 @@ class OpenHand:
         The displacements are those of ``depths``, by default those at the grasp.
         """
         # Exact meshes of the palm and of the part, if hulls are not sufficient
-        solids, part = [each.solid for each in self._palm], self.part
+        solids, part = [each.solid for each in self.palm], self.part
         if exact:
-            solids = [_exactly(each.solid, each.placed.surface) for each in self._palm]
-            part = _exactly(part, self._surface)
+            solids = [_exactly(each.solid, each.placed.surface) for each in self.palm]
+            part = _exactly(part, self.surface)
         placed = [
             replace(solid, pose=translated(solid.pose, depth.displacement))
-            for solid, depth in zip(solids, depths or self._depths, strict=False)  # those of closed fingers follow
+            for solid, depth in zip(solids, depths or self.depths, strict=False)  # those of closed fingers follow
         ]
         replaced = {solid.name for solid in placed}
-        attached = (*(each for each in self._outside.attached if each.name not in replaced), *placed)
-        spec = replace(self._outside.spec, scene=Scene((part,)), attached=attached, margins={})
-        checker = self._outside.with_spec(spec).with_margin(0.0)
+        attached = (*(each for each in self.outside.attached if each.name not in replaced), *placed)
+        spec = replace(self.outside.spec, scene=Scene((part,)), attached=attached, margins={})
+        checker = self.outside.with_spec(spec).with_margin(0.0)
         if finer_at is not None:
             checker = checker.finer_at(finer_at)
         # the displaced copies of links of the palm replace them
-        return self._against_part(checker, replaced | (set(self._hand) - {body.name for body in self._palm}))
+        return self._against_part(checker, replaced | (set(self.hand) - {body.name for body in self.palm}))
 
     def _against_part(self, checker: CollisionChecker, names: Set[str]) -> CollisionChecker:
         """The checker of bodies of the hand against the part alone; derived checkers check the other pairs again."""
@@ -298,7 +294,7 @@ class OpenHand:
         """
         # First the hand against the part where it is, then the open fingers with the tolerances
         still = [replace(mover, tolerance=0.0) for mover in movers]
-        wider = bool(deviation or self._padding or any(mover.tolerance for mover in movers))
+        wider = bool(deviation or self.padding or any(mover.tolerance for mover in movers))
         failed, deepest = list[Certificate](), None
         # The coarsest checker that is free at the grasp; both if the configuration is not known
         suited = [self._coarse] if grasp is None or self._coarse.is_free(grasp) else [self._checker(grasp)]
@@ -307,8 +303,8 @@ class OpenHand:
         elif not suited[0].is_free(grasp):
             suited = [self._checker(grasp, exact=True)]
         for checker in suited:
-            there, palm = checker.obstacles_and_links, {body.solid.name for body in self._palm}
-            own = {name for name in there if name in palm or name in self._hand}
+            there, palm = checker.obstacles_and_links, {body.solid.name for body in self.palm}
+            own = {name for name in there if name in palm or name in self.hand}
             fingers = own - palm
             if closing:
                 checker = self._against_part(checker, own & palm)
@@ -318,7 +314,7 @@ class OpenHand:
             if not proven and grasp is not None and palm and not (closing or movers):
                 proven, deepest = self._prove_piecewise(curve, grasp)
             if proven and wider and fingers and not closing:
-                alone = self._against_part(checker.padded(self._padding) if self._padding else checker, fingers)
+                alone = self._against_part(checker.padded(self.padding) if self.padding else checker, fingers)
                 failed.append(certify(curve, alone, joint_tolerance=deviation, movers=movers, limits=None))
                 proven = failed[-1].free
             if proven:
@@ -341,8 +337,8 @@ class OpenHand:
         touched = rest.domain[0]
         # The displacements where the palm touches the part, then the proof until it touches it again
         for _ in range(MOST_PIECES):
-            part = PlacedSurface(self._surface, self._tcp_from_part(rest(touched), self.part.pose))
-            depths = [depth_of(body, part, np.empty((0, 3))) for body in self._palm]
+            part = PlacedSurface(self.surface, self._tcp_from_part(rest(touched), self.part.pose))
+            depths = [depth_of(body, part, np.empty((0, 3))) for body in self.palm]
             if outside := [depth for depth in depths if not depth.within]:
                 # a wall beside the cup is in the way of its body; the depth in its face would be misleading
                 return False, max((d for d in outside if d.body != FACE), key=lambda d: d.depth, default=None)
@@ -354,13 +350,13 @@ class OpenHand:
         return False, None
 
     def _tcp_from_part(self, q: Array, root_from_part: SE3) -> SE3:
-        arm = self._outside.arm
+        arm = self.outside.arm
         return (arm.root_from_base * arm.forward_kinematics(q)).actInv(root_from_part)
 
     def _failure(self, curve: Curve, proof: Certificate, part_at: Callable[[float], SE3]) -> EntryFailure:
         """What enters the part, with its largest depth at some points of the curve."""
         met = proof.first_contact or proof.undecided
-        body = next((each for each in self._palm if met is not None and each.solid.name in met.bodies), None)
+        body = next((each for each in self.palm if met is not None and each.solid.name in met.bodies), None)
         if body is None:
             return EntryFailure(proof, f"the open fingers collide with the object: {proof.message}")
         knots = curve.bezier()[0]
@@ -371,7 +367,7 @@ class OpenHand:
             times += [at, *near.tolist()]
         deepest: BodyDepth | None = None
         for time in times:
-            part = PlacedSurface(self._surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))
+            part = PlacedSurface(self.surface, self._tcp_from_part(np.asarray(curve(time)), part_at(time)))
             found = depth_of(body, part, np.empty((0, 3)))
             deepest = found if deepest is None or found.depth > deepest.depth else deepest
         if deepest is None or deepest.depth <= body.limit:

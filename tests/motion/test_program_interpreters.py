@@ -19,8 +19,17 @@ import pytest
 import pinproof as pp
 from pinproof.collision import certify_program
 from pinproof.errors import PinproofError
-from pinproof.motion import JointMove, LinearMove, RobotProgram, SetOutput, Step, StreamedPoint, Wait, make_program
-from pinproof.motion.dialects import DIALECTS
+from pinproof.motion import (
+    Blend,
+    JointMove,
+    LinearMove,
+    RobotProgram,
+    SetOutput,
+    Step,
+    StreamedPoint,
+    Wait,
+    make_program,
+)
 
 ARM = pp.load_robot("ur5").arm()
 OUTPUT = {"urscript": "0", "rapid": "do_gripper", "krl": "1", "fanuc": "1"}
@@ -176,11 +185,11 @@ def run_urscript(text: str) -> Executed:
             timed = given["t"] > 0
             if called == "movej":
                 above_zero(given["a"])
-                speed = None if timed else above_zero(given["v"])
-                done.append(("joint", q, given["t"] if timed else None, speed, given["r"] or None))
+                speed, gain = (None if timed else above_zero(given[key]) for key in "va")
+                done.append(("joint", q, given["t"] if timed else None, speed, given["r"] or None, gain))
             elif called == "movel":
-                speed = None if timed else above_zero(given["a"]) and above_zero(given["v"])
-                done.append(("line", q, given["t"] if timed else None, speed, given["r"] or None))
+                speed, gain = (None if timed else above_zero(given[key]) for key in "va")
+                done.append(("line", q, given["t"] if timed else None, speed, given["r"] or None, gain))
             else:  # nearer set points than the filter, which is the shortest with the highest gain
                 refuse(line, (given["lookahead_time"], given["gain"]) != (0.03, 2000.0) or not 0 < given["t"] <= 0.03)
                 done.append(("point", q, given["t"]))
@@ -285,10 +294,10 @@ def run_rapid(text: str) -> Executed:
             time = above_zero(words.number()) if words.takes("\\", "t", ":", "=") else None
             words.next(",")
             zone = words.next()
-            blend = None if zone.lower() == "fine" else 0.5 * (data(zone, "z", Z_DATA) >= 0)
+            blend = None if zone.lower() == "fine" else max(data(zone, "z", Z_DATA), 0.3) / 1000
             words.skip(",", "tool0")
             refuse(line, straight and time is None)
-            done.append(("line", q, time, None, blend) if straight else ("joint", q, time, None, blend))
+            done.append(("line" if straight else "joint", q, time, None, blend, None))
         else:
             raise Ambiguous(line)
         words.end()
@@ -357,12 +366,13 @@ def run_krl(text: str) -> Executed:
                 words.skip("]", "=")
                 refuse(line, output == 0)
                 done.append(("output", str(output), words.next("true", "false").lower() == "true"))
-            elif variable == "apo" and words.takes(".") and not any(row[0] in ("joint", "line") for row in done):
-                kind = words.next("cptp", "cdis").lower()
+            elif variable == "apo" and words.takes("."):
+                words.next("cdis")
                 words.next("=")
-                value = above_zero(words.number())
-                refuse(line, value > (100 if kind == "cptp" else 1000))
-                state[kind] = value
+                last = [row for row in done if row[0] in ("joint", "line")][-1:]
+                refuse(line, last and last[0][4] is not None)  # it may apply to the point before it too
+                state["cdis"] = above_zero(words.number())
+                refuse(line, state["cdis"] > 1000)
             else:
                 raise Ambiguous(line)
         elif called == "wait":
@@ -372,11 +382,8 @@ def run_krl(text: str) -> Executed:
             here.update(fields(words, [f"A{k}" for k in range(1, 7)]))
             refuse(line, len(here) < 6)
             q = in_radians(tuple(here[f"A{k}"] for k in range(1, 7)))
-            blend = state.get("cptp", 100.0) / 200 if words.takes("c_ptp") else None
-            if blend is not None and words.takes("c_dis"):
-                done.append(("joint", q, None, None, blend, "c_dis"))
-            else:
-                done.append(("joint", q, None, None, blend))
+            blend = state["cdis"] / 1000 if words.takes("c_dis") else None
+            done.append(("joint", q, None, None, blend, None))
         elif called == "lin" and state.get("line"):
             frame = fields(words, list("XYZABC"))
             refuse(line, len(frame) < 6)
@@ -389,7 +396,8 @@ def run_krl(text: str) -> Executed:
                 [-np.sin(b), np.cos(b) * np.sin(c), np.cos(b) * np.cos(c)],
             ]  # fmt: skip
             place = np.column_stack([turn, [frame["X"] / 1e3, frame["Y"] / 1e3, frame["Z"] / 1e3]])
-            done.append(("line", tuple(place.ravel()), None, state["line"], 0.5 if words.takes("c_dis") else None))
+            blend = state["cdis"] / 1000 if words.takes("c_dis") else None
+            done.append(("line", tuple(place.ravel()), None, state["line"], blend, None))
             here.clear()  # the axes are not known then
         else:
             raise Ambiguous(line)
@@ -397,12 +405,6 @@ def run_krl(text: str) -> Executed:
         return True
 
     started(routines, first, run)
-    # Next to a linear move a zone of $APO.CDIS begins, which is at most half of a move.
-    moves = [k for k, row in enumerate(done) if row[0] in ("joint", "line")]
-    for k, after in zip(moves, [*moves[1:], None], strict=True):
-        if done[k][0] == "joint" and done[k][4] is not None:
-            linear = after is not None and done[after][0] == "line"
-            done[k] = (*done[k][:4], 0.5 if linear else done[k][4])
     return done
 
 
@@ -479,10 +481,12 @@ def run_fanuc(text: str) -> Executed:
             refuse(line, time is not None and np.isnan(time))
             blend = None
             if not words.takes("fine"):
-                refuse(line, not (words.takes("cnt") and 0 <= words.whole() <= 100))
-                blend = 0.5
+                refuse(line, not words.takes("cnt"))
+                blend = words.whole() / 200
+                refuse(line, blend > 0.5)
             q = positions[number]
-            done.append(("joint", q, time, None, blend) if called == "J" else ("line", q, time, speed, blend))
+            kind = ("joint", q, time, None) if called == "J" else ("line", q, time, speed)
+            done.append((*kind, blend, None))
         else:
             raise Ambiguous(line)
         words.end()
@@ -500,12 +504,12 @@ def read_steps(steps: tuple[Step, ...]) -> Executed:
     found: Executed = []
     for step in steps:
         if isinstance(step, JointMove):
-            blend = None if step.blend is None else step.blend.radius or step.blend.share
-            found.append(("joint", tuple(step.q), step.duration, step.speed, blend))
+            blend = None if step.blend is None else (step.blend.radius or step.blend.share) * step.blend.stated
+            found.append(("joint", tuple(step.q), step.duration, step.speed, blend, step.acceleration))
         elif isinstance(step, LinearMove):
             values = step.q if step.q is not None else step.pose.homogeneous[:3].ravel()
-            blend = None if step.blend is None else step.blend.radius or step.blend.share
-            found.append(("line", tuple(values), step.duration, step.speed, blend))
+            blend = None if step.blend is None else (step.blend.radius or step.blend.share) * step.blend.stated
+            found.append(("line", tuple(values), step.duration, step.speed, blend, step.acceleration))
         elif isinstance(step, StreamedPoint):
             found.append(("point", tuple(step.q), step.period))
         elif isinstance(step, SetOutput):
@@ -557,7 +561,7 @@ STRUCTURE = {
     "rapid": ["PROC more()", "ENDPROC", "MODULE more", "ENDMODULE", "TRAP t", "FUNC num f()", "more;", "GOTO a;", "a:",
               "IF TRUE THEN", "ENDIF", "RETURN;", "Stop;", "VAR num x;"],
     "krl": ["DEF more()", "END", "DEFFCT INT f()", "ENDFCT", "more()", "GOTO a", "a:", "IF TRUE THEN", "ENDIF",
-            "LOOP", "HALT", "RETURN", "BAS(#INITMOV,0)", "$APO.CPTP=10", "BAS(#VEL_CP,2)"],
+            "LOOP", "HALT", "RETURN", "BAS(#INITMOV,0)", "$APO.CDIS=10", "BAS(#VEL_CP,2)"],
     "fanuc": ["/POS", "/MN", "/END", "/PROG  MORE", ":  END ;", ":  UTOOL_NUM=2 ;", ":  UFRAME_NUM=3 ;",
               ":  CALL MORE ;",
               ":  LBL[1] ;", ":  JMP LBL[1] ;", ":  IF DI[1]=ON,JMP LBL[1] ;", ":  SKIP CONDITION DI[1]=ON ;",
@@ -570,7 +574,7 @@ NUMBERS = ("1e2", "1E1", "+1", ".5", "1.", "1_0", "0x10", "--1", "1,5", "1/2", "
            "\u0661", "-0", "0", "-1", "0.001", "5000", "300", "1.5 deg")  # fmt: skip
 WORDS = [("msec", "sec"), ("deg", "rad"), ("%", "msec"), ("(sec)", "(msec)"), ("t=", "v="), ("movej", "movel"),
          ("movel", "movej"), ("J P", "L P"), ("L P", "J P"), ("FINE", "CNT100"), ("FINE", "CNT 5"), ("fine", "z10"),
-         ("fine", "z7"), ("z10", "fine"), ("}", "} C_PTP"), (" C_PTP", ""), (" C_PTP", " C_DIS"), ("PTP", "PTP_REL"),
+         ("fine", "z7"), ("z10", "fine"), ("}", "} C_DIS"), (" C_DIS", ""), (" C_DIS", " C_PTP"), ("PTP", "PTP_REL"),
          ("PTP", "LIN"), ("MoveAbsJ", "MoveJ"), ("\\NoEOffs", ""), ("tool0", "tool1"), ("\\T:=", "\\V:="),
          (", r=", ", v="), ("UT : 1", "UT : 2"), ("UF : 0", "UF : 1"), ("GP1", "GP2"), ("P[2]", "P[02]"),
          ("P[2]", "P[3]"), ("P[1]", "PR[1]"), ("A6", "1A6"), ("A6", "E1"), ("A1", "A2"), ("gain=2000", "gain=100"),
@@ -584,7 +588,7 @@ MOVES = r"move|MoveAbsJ|MoveL|PTP|LIN|J P|L P|J1 =|servoj"
 def program_text(dialect: str, rng: np.random.Generator) -> str:
     """A slow program with all constructs, or one of set points."""
     q = ARM.home + np.cumsum(rng.uniform(-0.15, 0.15, (5, 6)), axis=0)
-    blend = DIALECTS[dialect].blend
+    blend = {"rapid": Blend(0.02, 0.5, 0.5), "fanuc": Blend(share=0.5)}.get(dialect, Blend(0.01))
     moves = [JointMove(row, None if k == 0 else 0.4, blend if k == 1 else None) for k, row in enumerate(q)]
     line = LinearMove(q[2] - 0.01, pp.pose((0.1, -0.2, 0.5), (0.3, -0.4, 2.5)), 1.25)
     steps: list[Step] = [*moves[:3], line, SetOutput(OUTPUT[dialect], True), Wait(0.25), *moves[3:]]

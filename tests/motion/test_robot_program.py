@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
@@ -40,12 +40,19 @@ RESOLUTION = {"urscript": 0.6e-6, "rapid": 1e-6, "krl": 1e-6, "fanuc": 1e-5}
 OUTPUT = {"urscript": "0", "rapid": "do_gripper", "krl": "1", "fanuc": "1"}
 POINTS = [JointMove(np.zeros(6)), StreamedPoint(np.full(6, 1e-6), 0.008), StreamedPoint(np.full(6, 2e-6), 0.008)]
 
+BLEND = {
+    "urscript": Blend(0.01),
+    "rapid": Blend(0.02, share=0.5, stated=0.5),
+    "krl": Blend(0.01, share=0.5),
+    "fanuc": Blend(share=0.5),
+}
+
 every_language = pytest.mark.parametrize("dialect", MOVING)
 
 
 def some_steps(dialect):
     q = np.random.default_rng(5).uniform(-3, 3, (4, 6))
-    blend = DIALECTS[dialect].blend
+    blend = BLEND[dialect]
     moves = [JointMove(row, None if i == 0 else 0.5 + i, blend if i == 1 else None) for i, row in enumerate(q)]
     line = LinearMove(q[1] - 0.1, pp.pose((0.1, -0.2345678, 0.5), (0.3, -0.4, 2.5)), 1.25)
     return [*moves[:2], line, SetOutput(OUTPUT[dialect], True), Wait(0.25), *moves[2:]]
@@ -322,11 +329,11 @@ def test_a_second_routine_and_code_behind_the_end_are_refused(dialect, place):
         ("rapid", "z10", "z7"), ("rapid", "z10", "z999"),
         ("krl", "WAIT SEC 0.2500", "WAIT SEC -0.25"), ("krl", "  BAS(#INITMOV,0)\n", ""),
         ("krl", "  BAS(#VEL_CP,0.1)\n", ""), ("krl", "#VEL_CP,0.1", "#VEL_CP,100"), ("krl", "#VEL_CP,0.1", "#VEL_CP,0"),
-        ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CPTP=100", "CPTP=0"), ("krl", "CPTP=100", "CPTP=500"),
-        ("krl", "  $APO.CPTP=100\n", "  $APO.CPTP=100\n  BAS(#INITMOV,0)\n"),
-        ("krl", "  WAIT SEC", "  $APO.CPTP=5\n  WAIT SEC"),
+        ("krl", "#VEL_PTP,30", "#VEL_PTP,300"), ("krl", "CDIS=10.0", "CDIS=0"), ("krl", "CDIS=10.0", "CDIS=5000"),
+        ("krl", "  $APO.CDIS=10.0\n", "  $APO.CDIS=10.0\n  BAS(#INITMOV,0)\n"),
+        ("krl", "  LIN {", "  $APO.CDIS=5.0\n  LIN {"), ("krl", "  $APO.CDIS=10.0\n", ""),
         ("fanuc", "WAIT 0.25(sec)", "WAIT -0.25(sec)"), ("fanuc", " 5%", " 0%"), ("fanuc", " 5%", " 101%"),
-        ("fanuc", "CNT50", "CNT101"), ("fanuc", "1500msec", f"{'9' * 400}msec"), ("fanuc", "J P[2]", "J P[02]"),
+        ("fanuc", "CNT100", "CNT101"), ("fanuc", "1500msec", f"{'9' * 400}msec"), ("fanuc", "J P[2]", "J P[02]"),
         ("fanuc", "P[2]{", "P[02]{"), ("fanuc", "P[2]{", "P[1]{"), ("fanuc", "UFRAME_NUM=0 ;", "UTOOL_NUM=1 ;"),
         # another frame or tool
         ("fanuc", "UFRAME_NUM=0", "UFRAME_NUM=3"), ("fanuc", "UTOOL_NUM=1", "UTOOL_NUM=2"),
@@ -397,14 +404,28 @@ def test_a_goal_of_ros_with_other_contents_is_refused(change):
     refused("\n".join([*comments, json.dumps(goal)]), "ros2", "")
 
 
-@pytest.mark.parametrize(("stated", "share"), [("", 0.5), ("$APO.CPTP=50", 0.25), ("$APO.CPTP=100", 0.5)])
-def test_an_approximated_move_of_krl_uses_up_to_half_of_its_segments_if_no_share_is_stated(stated, share):
+def test_an_approximated_move_of_krl_uses_its_distance_in_at_most_half_of_its_moves():
     text = make_program([JointMove(q) for q in np.eye(6)[:3]], NAMES, dialect="krl").text
-    lines = [line + " C_PTP" * line.startswith("  PTP") for line in text.split("\n")]
-    edited = "\n".join(lines).replace("$APO.CPTP=100", stated)
-    moves = RobotProgram.parse(edited, dialect="krl", allow_changes=True).moves
-    assert [move.blend.share for move in moves] == [share] * 3
+    edited = "\n".join(line + " C_DIS" * line.startswith("  PTP") for line in text.split("\n"))
+    refused(edited, "krl")
+    stated = edited.replace("  PTP", "  $APO.CDIS=50\n  PTP", 1)
+    moves = RobotProgram.parse(stated, dialect="krl", allow_changes=True).moves
+    assert [(move.blend.radius, move.blend.share) for move in moves] == [(0.05, 0.5)] * 3
     assert [move.blend for move in RobotProgram.parse(text, dialect="krl").moves] == [None] * 3
+
+
+def test_blends_of_krl_between_two_stops_have_the_least_of_their_distances():
+    radii = (None, 0.05, 0.02, None, 0.1, None)
+    moves = [JointMove(np.full(6, 0.1 * k), blend=radius and Blend(radius, 0.5)) for k, radius in enumerate(radii)]
+    read = make_program(moves, NAMES, dialect="krl").moves
+    assert [move.blend and move.blend.radius for move in read] == [None, 0.02, 0.02, None, 0.1, None]
+
+
+@pytest.mark.parametrize(("zone", "stated"), [("z0", 0.0003), ("z10", 0.01), ("z200", 0.2)])
+def test_a_zone_of_rapid_is_covered_with_twice_its_radius(zone, stated):
+    text = some_program("rapid").text.replace("z10", zone)
+    blend = RobotProgram.parse(text, dialect="rapid", allow_changes=True).moves[1].blend
+    assert (blend.radius, blend.share, blend.radius * blend.stated) == pytest.approx((2 * stated, 0.5, stated))
 
 
 # -- tools, loads, frames, sensors and external axes ------------------------------------------------------------------
@@ -427,7 +448,7 @@ def programs(draw, dialect):
     external = {} if dialect == "urscript" else draw(st.sampled_from([{}, RAIL, {"rail": "mm"}]))
     names = (*external, *NAMES)
     q = st.lists(st.floats(-3, 3), min_size=len(names), max_size=len(names)).map(np.array)
-    blend = st.sampled_from([None, DIALECTS[dialect].blend])
+    blend = st.sampled_from([None, BLEND[dialect]])
     percent = st.integers(1, 100)
     joint = {
         "krl": st.builds(JointMove, q, blend=blend, percent=percent),
@@ -612,7 +633,7 @@ def full_text(dialect):
         ("rapid", "GripLoad load_1", "GripLoad load_2"), ("rapid", "[FALSE,TRUE,", "[TRUE,TRUE,"),
         ("rapid", "[TRUE,[[", "[FALSE,[["), ("rapid", "loaddata load_1", "loaddata load_2"),
         ("krl", "  $TOOL=", "  ; $TOOL="), ("krl", "  $BASE=", "  ; $BASE="),
-        ("krl", "  $APO.CPTP=100\n", "  $APO.CPTP=100\n  $BASE={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}\n"),
+        ("krl", "  $APO.CDIS=10.0\n", "  $APO.CDIS=10.0\n  $BASE={X 0.0,Y 0.0,Z 0.0,A 0.0,B 0.0,C 0.0}\n"),
         ("urscript", "  set_tcp(", "  # set_tcp("),
         ("urscript", "sleep(0.25", "set_tcp(p[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])\n  sleep(0.25"),
         ("fanuc", "UTOOL_NUM=1", "UTOOL_NUM=2"), ("fanuc", "UFRAME_NUM=1", "UFRAME_NUM=0"),
@@ -634,6 +655,56 @@ def test_a_declaration_or_a_check_that_was_broken_is_refused(dialect, before, af
     assert before in text
     RobotProgram.parse(text, dialect=dialect)
     assert refused(text.replace(before, after, 1), dialect)
+
+
+def reading(value):
+    """What a program states, as plain values without the numbers of lines."""
+    if is_dataclass(value):
+        rows = [(name.name, reading(getattr(value, name.name))) for name in fields(value)]
+        return tuple(row for row in rows if row[0] not in ("line", "lines", "text", "certificate", "source"))
+    if isinstance(value, pp.spatial.SE3):
+        return reading(value.homogeneous)
+    if isinstance(value, np.ndarray):
+        return tuple(value.ravel())
+    return tuple(reading(each) for each in value) if isinstance(value, tuple | list) else value
+
+
+@every_language
+def test_every_number_counts(dialect):
+    """Each number of a program is edited: the program is refused, or read with another value."""
+    lines, known = full_text(dialect).split("\n"), DIALECTS[dialect]
+    original = reading(RobotProgram.parse("\n".join(lines), dialect=dialect))
+    read = 0
+    for k, line in enumerate(lines):
+        if known.comment_of(line) is not None or (line.strip().startswith("!") and "-" in line[:12]):
+            continue
+        bare = re.sub(r"^ *\d*:", lambda found: " " * len(found[0]), line)  # numbers of lines mean nothing
+        for found in re.finditer(r"\d+(?:\.\d+)?", bare):
+            start, end = found.span()
+            for number in (f"{float(found[0]) * 1.25 + 1:g}", f"{float(found[0]) * 0.75:g}", f"{float(found[0]):g}1"):
+                if float(number) == float(found[0]):
+                    continue
+                text = "\n".join([*lines[:k], line[:start] + number + line[end:], *lines[k + 1 :]])
+                try:
+                    changed = RobotProgram.parse(text, dialect=dialect, allow_changes=True)
+                except TrajectoryError:
+                    continue
+                read += 1
+                assert reading(changed) != original, (line, number)
+    assert read > 40
+
+
+@pytest.mark.parametrize(("acceleration", "free"), [(1.0, True), (1e3, False)])
+def test_a_stated_acceleration_is_compared_with_the_limits(acceleration, free):
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    arm = arm.with_limits(replace(arm.limits, acceleration=np.full(6, 40.0), acceleration_source="measured"))
+    q = np.array([0.0, -1.2, 1.4, -1.7, -1.57, 0.0])
+    near = LinearMove(q + 0.02, None, speed=0.05, acceleration=acceleration)
+    for step in (JointMove(q + 0.1, speed=0.05, acceleration=acceleration), near):
+        program = make_program([JointMove(q), step], arm.joint_names, dialect="urscript")
+        assert program.moves[1].acceleration == acceleration
+        certificate = pp.collision.certify_program(program, pp.CollisionChecker(arm))
+        assert any("acceleration" in each for each in certificate.outside_limits) == (not free)
 
 
 @every_language

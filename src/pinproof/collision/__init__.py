@@ -30,11 +30,13 @@ from pinproof.collision.certificates.path_constraints import (
 from pinproof.collision.certificates.program_proof import (
     COVERED as COVERED,
     SAMPLES as SAMPLES,
-    SPARE as SPARE,
+    TRIED as TRIED,
+    BlendedMoves as BlendedMoves,
     ExecutedPart as ExecutedPart,
     LineTrace as LineTrace,
     ProgramCertificate as ProgramCertificate,
     ProgramPart as ProgramPart,
+    blended_moves as blended_moves,
     certify_program as certify_program,
     executed_parts as executed_parts,
     export_program as export_program,
@@ -50,7 +52,6 @@ from pinproof.collision.certificates.program_proof import (
     trace_line as trace_line,
     traced as traced,
     unknown_speeds as unknown_speeds,
-    zones_of as zones_of,
 )
 from pinproof.collision.certificates.proof_file import verify_proof as verify_proof
 from pinproof.collision.certificates.reuse import SetupChange as SetupChange, StoredProof as StoredProof

@@ -8,8 +8,8 @@ from pinproof.motion.controller_time import (
     controller_motion as controller_motion,
     fastest as fastest,
     fewest_moves as fewest_moves,
-    with_points_beside as with_points_beside,
-    without_slow_zones as without_slow_zones,
+    stop_times as stop_times,
+    with_corners as with_corners,
 )
 from pinproof.motion.curve import (
     MEET_TOLERANCE as MEET_TOLERANCE,

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +39,8 @@ SAMPLED = 0.995
 UNLIMITED = 1e6
 # Shares of the deceleration before a blend that are compared.
 SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2)
+# Shares of the speeds of two moves that are compared, between which a zone changes the speed.
+CORNER_SPEEDS = np.linspace(1.0, 0.4, 7)
 # Samples of the part of a linear move in a zone, whose joint accelerations are compared.
 IN_ZONE = 17
 # s: a move of a single point.
@@ -58,6 +60,7 @@ class ControllerMove:
     )
     speed: float = key("share of the velocities of the joints that the move uses", default=1.0)
     top: float | None = key("largest share of the move that is passed in a second, as stated", default=None)
+    gain: float | None = key("largest acceleration in shares of the move per second^2, as stated", default=None)
 
 
 @dataclass(frozen=True)
@@ -144,6 +147,12 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
     return best or Profile(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED)
 
 
+def _largest_passing(curve: CubicSpline, acceleration: Array) -> float:
+    """Shares per second at which a linear move may be passed completely, without an acceleration along it."""
+    bend = np.abs(curve(np.linspace(0.0, 1.0, 2 * len(curve.x)), 2))
+    return float(np.sqrt(SAMPLED * (acceleration / np.maximum(bend, 1e-12)).min()))
+
+
 def together(one: Profile, other: Profile, zone: tuple[float, float]) -> float:
     """Seconds for which two moves with a zone between them are superposed."""
     return min(one.seconds_to_end(zone[0]), other.seconds_from_start(zone[1]))
@@ -171,10 +180,16 @@ class ControllerMotion:
         return self.starts[-1] + self.profiles[-1].duration
 
 
-def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> ControllerMotion:
-    """The motion of moves that are blended at all points between them."""
+def controller_motion(
+    moves: Sequence[ControllerMove], limits: JointLimits, *, optional: bool = False
+) -> ControllerMotion:
+    """The motion of moves; with ``optional`` a zone that saves no time becomes a stop, as where both moves reverse."""
+    moves = list(moves)
+    planned = list(moves)
     profiles = [fastest(move.path, limits, move.speed) for move in moves]
-    profiles = [p if m.top is None else replace(p, top=min(p.top, m.top)) for m, p in zip(moves, profiles, strict=True)]
+    for k, (move, profile) in enumerate(zip(moves, profiles, strict=True)):
+        top, gain = (UNLIMITED if stated is None else stated for stated in (move.top, move.gain))
+        profiles[k] = Profile(min(profile.top, top), min(profile.gain, gain), min(profile.loss, gain))
     curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
 
@@ -188,14 +203,18 @@ def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> C
         needed = curve(at, 1) + (-2.0 if ending else 2.0) * passed * curve(at, 2)
         return needed.min(axis=0), needed.max(axis=0)
 
-    # Where the sum of the accelerations of a joint exceeds its limit, one or both of the moves accelerate less
+    # Where the sum of the accelerations of a joint exceeds its limit, one or both of the moves accelerate less. Where
+    # the moves have similar directions, both keep their speeds until the zone, and change it there in the same time.
+    passing = [np.inf if curve is None else _largest_passing(curve, acceleration) for curve in curves]
+    kept = [False] * len(moves)
     for k, move in enumerate(moves[:-1]):
         if move.zone is None:
             continue
         one, other = profiles[k], profiles[k + 1]
         slowing = [one.loss * needed for needed in ramp(k, move.zone[0], ending=True)]
         rising = [other.gain * needed for needed in ramp(k + 1, move.zone[1], ending=False)]
-        best = np.inf
+        best = one.duration + other.duration if optional else np.inf
+        planned[k] = replace(move, zone=None) if optional else move
         for share in SHARES:
             # |rising m - slowing share| <= acceleration for the largest m in [0, 1]
             above = (acceleration + share * slowing[0]) / np.maximum(rising[1], 1e-12)
@@ -205,25 +224,34 @@ def controller_motion(moves: Sequence[ControllerMove], limits: JointLimits) -> C
                 continue
             pair = replace(one, loss=share * one.loss), replace(other, gain=most * other.gain)
             seconds = pair[0].duration + pair[1].duration - together(*pair, move.zone)
-            if seconds < best:
-                best, (profiles[k], profiles[k + 1]) = seconds, pair
+            if seconds < best and not (kept[k] and pair[0].peak < one.peak):
+                best, (profiles[k], profiles[k + 1]), planned[k] = seconds, pair, move
+        # Speeds before and after the zone; the first one is known if the zone at its beginning depends on it
+        first, last = (min(p.top, float(np.sqrt(2.0 * rate))) for p, rate in ((one, one.gain), (other, other.loss)))
+        first, last = (
+            min(peak, p.peak, most) if np.isfinite(most) else peak
+            for peak, p, most in ((first, one, passing[k]), (last, other, passing[k + 1]))
+        )
+        for before, after in product([one.peak] if kept[k] else first * CORNER_SPEEDS, last * CORNER_SPEEDS):
+            falling = [before * needed / max(one.loss, 1e-12) for needed in slowing]
+            growing = [after * needed / max(other.gain, 1e-12) for needed in rising]
+            needed = np.maximum(growing[1] - falling[0], falling[1] - growing[0]) / acceleration
+            both = max(float(needed.max()), SHORTEST)
+            before, after = float(before), float(after)
+            pair = Profile(before, one.gain, before / both), Profile(after, after / both, other.loss)
+            inside = before * both / 2.0 <= move.zone[0] and after * both / 2.0 <= move.zone[1]
+            seconds = pair[0].duration + pair[1].duration - both
+            if inside and seconds < best and pair[0].peak == before and pair[1].peak == after:
+                best, (profiles[k], profiles[k + 1]), planned[k], kept[k + 1] = seconds, pair, move, True
     profiles = [p if m.duration is None else p.lasting(m.duration) for m, p in zip(moves, profiles, strict=True)]
     # Each move begins when the one before enters the zone, so that both are in it until that one ends
     starts = [0.0]
-    for k, move in enumerate(moves[:-1]):
+    for k, move in enumerate(planned[:-1]):
         both = 0.0 if move.zone is None else together(profiles[k], profiles[k + 1], move.zone)
         starts.append(starts[-1] + profiles[k].duration - both)
-    return ControllerMotion(tuple(moves), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
-
-
-def without_slow_zones(moves: Sequence[ControllerMove], limits: JointLimits) -> ControllerMotion:
-    """The motion of moves with a stop in place of each zone that saves no time, because both moves turn there."""
-    motion = controller_motion(moves, limits)
-    for k in range(len(moves) - 1):
-        stopping = [replace(move, zone=None) if i == k else move for i, move in enumerate(motion.moves)]
-        other = controller_motion(stopping, limits)
-        motion = other if other.duration < motion.duration else motion
-    return motion
+    return ControllerMotion(
+        tuple(planned), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves)
+    )
 
 
 def _trajectory(
@@ -258,45 +286,54 @@ def _trajectory(
 
 # -- few moves ---------------------------------------------------------------------------------------------------------
 
-# Points beside each point of a motion, and how far from it (rad), through which joint moves may lead too.
-BESIDE, ASIDE = 1, 0.12
-# Shares by which an inner point of a path is moved towards the line between its neighbours.
-PULLS = (0.75, 0.5, 0.25)
-# Seconds that the change of a point must save.
-GAIN = 1e-3
+# Numbers of points before and after a point at which the tangents meet in a corner beside it.
+TANGENTS = (1, 2, 3, 5)
 
 
-def with_points_beside(points: Array, limits: JointLimits) -> Array:
-    """Points (k, n) with more points beside the inner ones, within the limits, always the same ones."""
-    inner = np.repeat(points[1:-1], 1 + BESIDE, axis=0)
-    offsets = ASIDE * np.random.default_rng(0).normal(size=inner.shape)
-    offsets[:: 1 + BESIDE] = 0.0
-    return np.vstack([points[:1], np.clip(inner + offsets, limits.lower, limits.upper), points[-1:]])
+def with_corners(points: Array, limits: JointLimits) -> Array:
+    """Points (k, n) of a motion with more points beside them: the corners in which tangents of the motion meet.
+
+    A move that leaves the motion on a tangent and one that returns on another one meet there, so that a zone of their
+    corner is beside the motion.
+    """
+    tangents, rows = np.gradient(points, axis=0), list[Array]()
+    for k, point in enumerate(points):
+        rows.append(point)
+        for number in TANGENTS:
+            if k - number < 0 or k + number >= len(points):
+                continue
+            ends, slopes = points[[k - number, k + number]], tangents[[k - number, k + number]]
+            steps = np.linalg.lstsq(slopes.T, ends[1] - ends[0], rcond=None)[0]
+            if (steps > 0.0).all() and (steps < 4.0 * number).all():
+                corner = (ends[0] + steps[0] * slopes[0] + ends[1] - steps[1] * slopes[1]) / 2.0
+                rows.append(np.clip(corner, limits.lower, limits.upper))
+    return np.array(rows)
 
 
-def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Array], bool]) -> Array | None:
+def stop_times(one: Array, other: Array, limits: JointLimits) -> tuple[Array, Array]:
+    """Seconds of joint moves from rest to rest, and of the acceleration in them."""
+    travel = np.maximum(np.abs(other - one), 1e-12)
+    gain = (np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration) / travel).min(axis=-1)
+    top = (np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity) / travel).min(axis=-1)
+    peak = np.minimum(top, np.sqrt(gain))
+    return np.asarray(1.0 / peak + peak / gain), np.asarray(peak / gain)
+
+
+def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Array], bool]) -> list[int] | None:
     """The fastest path of joint moves with stops through some of points (k, n), from the first to the last of them.
 
-    Every line is ``proven``; None if no path is. Only lines of the fastest path that remains are proven, so that few
-    proofs are needed. Inner points are then moved towards the line between their neighbours.
+    Returns the numbers of its points. Every line is ``proven``; None if no path is. Only lines of the fastest path that
+    remains are proven, so that few proofs are needed.
     """
-
-    def seconds(one: Array, other: Array) -> Array:
-        travel = np.maximum(np.abs(other - one), 1e-12)
-        gain = (np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration) / travel).min(axis=-1)
-        top = (np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity) / travel).min(axis=-1)
-        peak = np.minimum(top, np.sqrt(gain))
-        return np.asarray(1.0 / peak + peak / gain)
-
     last, known = len(points) - 1, set[tuple[int, int]]()
-    edges = seconds(points[:, None], points[None])
+    edges = stop_times(points[:, None], points[None], limits)[0]
     while True:
         # The fastest path to each point
         cost, via = np.zeros(len(points)), np.zeros(len(points), dtype=int)
         for k in range(1, len(points)):
-            ways = cost[:k] + edges[:k, k]
-            via[k] = ways.argmin()
-            cost[k] = ways[via[k]]
+            costs = cost[:k] + edges[:k, k]
+            via[k] = costs.argmin()
+            cost[k] = costs[via[k]]
         if not np.isfinite(cost[last]):
             return None
         order = [last]
@@ -305,19 +342,6 @@ def fewest_moves(points: Array, limits: JointLimits, proven: Callable[[Array, Ar
         steps = sorted(set(pairwise(order[::-1])) - known, key=lambda step: step[0] - step[1])
         failed = next((step for step in steps if not proven(points[step[0]], points[step[1]])), None)
         if failed is None:
-            break
+            return order[::-1]
         known.update(step for step in steps[: steps.index(failed)])
         edges[failed] = np.inf
-    path = points[order[::-1]].copy()
-    for k in (*range(1, len(path) - 1), *reversed(range(1, len(path) - 1))):
-        before, after = path[k - 1], path[k + 1]
-        along = np.clip(
-            (path[k] - before) @ (after - before) / max(float((after - before) @ (after - before)), 1e-12), 0, 1
-        )
-        for share in PULLS:
-            there = path[k] + share * (before + along * (after - before) - path[k])
-            saved = seconds(before, path[k]) + seconds(path[k], after) - seconds(before, there) - seconds(there, after)
-            if saved > GAIN and proven(before, there) and proven(there, after):
-                path[k] = there
-                break
-    return path

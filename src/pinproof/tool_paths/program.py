@@ -28,14 +28,12 @@ from pinproof.collision import (
     shortest_durations,
     timed_step,
     trace_line,
-    zones_of,
 )
 from pinproof.common.results import Answer
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import (
-    Blend,
     ControllerMove,
     JointMove,
     JointPath,
@@ -55,8 +53,6 @@ from pinproof.spatial import SE3, Array, interpolate, log6, twist_size
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.result import PathPiece
 
-# M: radii of the zones on a path that are tried, for languages that state a radius.
-RADII = (0.02, 0.01, 0.005, 0.003, 0.002, 0.001, 0.0005)
 # M: moves that are shorter rotate the tool, so that no speed is stated for them.
 ROTATING = 1e-4
 # Share by which a speed that a joint does not permit is reduced further, because texts round numbers.
@@ -252,7 +248,7 @@ def _between(checker: CollisionChecker, motion: ProgramMotion, deviation: float,
             made = controller_motion([ControllerMove(trace.path)], arm.limits)
             profile = made.profiles[0].lasting(max(made.duration, own.duration))
             return [timed_step(arm, made.moves[0], profile, None, linear=True)]
-    return moves_between_rests(own, checker, deviation, zones_of(dialect), linear=False)[1:]
+    return moves_between_rests(own, checker, deviation, find_dialect(dialect).zones, linear=False)[1:]
 
 
 def _along(
@@ -326,23 +322,18 @@ def _along(
         shares.append(own / speed[a])
         made.append(LinearMove(q[b], end, speed=float(own)))
     # The largest zones that are proven, and whose triangles keep to the rest of the deviation
-    zones = [(Blend(radius), Blend(radius)) for radius in RADII]
-    whole = find_dialect(dialect).blend
-    if whole is None or whole.radius is None:
-        zones = [(Blend(0.001), Blend(share=0.5))] if dialect == "rapid" else []
-        zones = [*([] if whole is None else [(whole, whole)]), *zones]
     steps, stops, corners = list[LinearMove](), 0, [np.zeros(2)]
     for k, step in enumerate(made):
         blend, corner = None, np.zeros(2)
         if k + 1 < len(made) and None not in (step.speed, made[k + 1].speed):
             ends = tool[chosen[k : k + 3]]
-            for written, covered in zones:
-                corner = _off_corner(ends, written.radius, free=free)
+            for zone in find_dialect(dialect).zones:
+                corner = _off_corner(ends, zone.radius, free=free)
                 if (corner > spare).any():
                     continue
                 proven = partial(_proven, checker, joint_deviation + COVERED + max(extra[k : k + 2]))
-                if largest_zone([covered], arm, paths[k], paths[k + 1], proven)[0] is not None:
-                    blend = written
+                if largest_zone([zone], arm, paths[k], paths[k + 1], proven)[0] is not None:
+                    blend = zone
                     break
             stops += blend is None
         if blend is not None:

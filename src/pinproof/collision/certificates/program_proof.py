@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -60,8 +61,8 @@ from pinproof.motion import (
     fewest_moves,
     find_dialect,
     make_program,
-    with_points_beside,
-    without_slow_zones,
+    stop_times,
+    with_corners,
 )
 from pinproof.spatial import Array
 
@@ -219,8 +220,17 @@ def _bounds(q: Array, inverse: Array, step: float, change: float, turn: float) -
     return chord, float(((np.sqrt(least) - np.sqrt(left)) / change).max())
 
 
-SPACING = 1.0 / 256.0
+SPACING = 1.0 / 1024.0
 """Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
+
+ROWS = 4
+"""Number of strips in which the surface of a blend is covered."""
+
+OTHER_CURVES, CARTESIAN = 0.1, 1.5
+"""Shares of the extent of a blend, and of the difference between superpositions, by which its surface is widened."""
+
+SUPERPOSED = ((0.25, 0.75), (0.5, 0.5), (0.75, 0.25), (0.25, 0.25))
+"""Shares of the two sides of a blend at which superpositions of joint values and of poses are compared."""
 
 TRACKING = 0.01
 """rad: the assumed deviation from set points that are sent at a fixed period, whose interpolation is not published."""
@@ -456,7 +466,7 @@ def export_program(
     if language.exact and isinstance(curve, Trajectory):
         steps = [StreamedTrajectory(curve.record())]
     elif period is None:
-        steps = moves_between_rests(curve, checker, deviation, zones_of(dialect), linear=linear)
+        steps = moves_between_rests(curve, checker, deviation, language.zones, linear=linear)
     else:
         if not language.streams or not isinstance(curve, Trajectory):
             raise InputError(f"programs in {dialect} cannot stream set points; remove period")
@@ -484,23 +494,14 @@ def export_program(
 SAMPLES = (25, 97)
 """Numbers of points of a motion among which the ends of joint moves are chosen."""
 
-SPARE = (0.0, 0.01, 0.03)
-"""rad: deviations that joint moves permit beside that of the controller, so that there is more space for zones."""
-
 COVERED = 4e-4
-"""rad: what zones are proven with beside the deviation, because joint values are rounded and linear moves traced."""
+"""rad: what moves are proven with beside the deviation, because joint values are rounded and linear moves traced."""
+
+TRIED, SAVED = 8, 1e-3
+"""Number of other points that are compared for a corner, and seconds that one must save."""
 
 ON_LINE = 0.004
 """rad: by how much a motion may be off the joint values of a linear move that replaces it."""
-
-
-def zones_of(dialect: str) -> tuple[Blend, ...]:
-    """Return the blends that a language can state, from the largest to the smallest."""
-    radii = (0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.01, 0.005)
-    blend = find_dialect(dialect).blend
-    if blend is None:
-        return ()
-    return (blend,) if blend.radius is None else tuple(Blend(radius) for radius in radii)
 
 
 def largest_zone(
@@ -511,13 +512,20 @@ def largest_zone(
     proven: Callable[[JointPath, Array], bool],
     allowed: Sequence[float] = (0.5, 0.5),
 ) -> tuple[Blend | None, tuple[float, float] | None]:
-    """Return the largest blend between two moves that is proven and uses at most the allowed shares, and its shares."""
-    for blend in zones:
-        shares = [zone_shares(blend, arm, path.q) for path in (into.reversed(), out)]
-        inside = all(upper <= most for (upper, _), most in zip(shares, allowed, strict=True))
-        if inside and proven(*blend_cover(blend, arm, into, out)):
-            return blend, (shares[0][1], shares[1][1])
-    return None, None
+    """Return the largest blend between two moves that is proven and uses at most the allowed shares, and its shares.
+
+    A smaller blend is covered where a larger one is, so that few of them are proven.
+    """
+
+    def possible(blend: Blend) -> bool:
+        shares = [zone_shares(blend, arm, path.q)[0] for path in (into.reversed(), out)]
+        return all(np.array(shares) <= allowed) and proven(*blend_cover(blend, arm, into, out))
+
+    number = bisect_left(zones, True, key=possible)
+    if number == len(zones):
+        return None, None
+    used = [zone_shares(zones[number], arm, path.q)[1] for path in (into.reversed(), out)]
+    return zones[number], (used[0], used[1])
 
 
 def timed_step(
@@ -533,10 +541,66 @@ def timed_step(
     return LinearMove(q, last, profile.duration, speed=speed, blend=blend)
 
 
-def _line_proven(
-    proven: Callable[[JointPath, Array], bool], names: Sequence[str], spare: float, one: Array, other: Array
-) -> bool:
-    return proven(JointPath(np.stack([one, other]), names), np.full(len(names), spare))
+class BlendedMoves(NamedTuple):
+    """Moves from a stop to the next one by the rules of the controller, with the blend at the end of each."""
+
+    motion: ControllerMotion
+    blends: tuple[Blend | None, ...]
+
+
+def blended_moves(
+    points: Array,
+    arm: Arm,
+    zones: Sequence[Blend],
+    proven: Callable[[JointPath, Array], bool],
+    *,
+    lines: tuple[JointPath | None, JointPath | None] = (None, None),
+    passed: tuple[float, float] = (0.5, 0.5),
+    compared: int = 0,
+) -> BlendedMoves | None:
+    """Return few joint moves through some of the points (k, n), with the largest zones between them, all proven.
+
+    The moves may begin with a linear move to the first point, and end with one from the last point, of which zones
+    may use the shares ``passed``. Each corner is compared with ``compared`` other points. None if no moves are proven.
+    """
+    names, limits, known = arm.joint_names, arm.limits, dict[bytes, bool]()
+
+    def line_proven(one: Array, other: Array) -> bool:
+        ends = np.stack([one, other])
+        if ends.tobytes() not in known:
+            known[ends.tobytes()] = proven(JointPath(ends, names), np.zeros(len(names)))
+        return known[ends.tobytes()]
+
+    def made(order: Sequence[int]) -> BlendedMoves:
+        paths = [JointPath(points[list(pair)], names) for pair in pairwise(order)]
+        shares = [0.5] * len(paths)
+        if lines[0] is not None:
+            paths, shares = [lines[0], *paths], [passed[0], *shares]
+        if lines[1] is not None:
+            paths, shares = [*paths, lines[1]], [*shares, passed[1]]
+        corners = zip(pairwise(paths), pairwise(shares), strict=True)
+        ends = [*(largest_zone(zones, arm, *pair, proven, most) for pair, most in corners), (None, None)]
+        moves = [ControllerMove(path, None, zone) for path, (_, zone) in zip(paths, ends, strict=True)]
+        motion = controller_motion(moves, limits, optional=True)
+        kept = (blend if move.zone else None for move, (blend, _) in zip(motion.moves, ends, strict=True))
+        return BlendedMoves(motion, tuple(kept))
+
+    order = fewest_moves(points, limits, line_proven)
+    if order is None:
+        return None
+    best = made(order)
+    # A corner that is farther away may have a zone, which saves more than the longer moves take
+    for k in range(1, len(order) - 1) if compared else ():
+        (into, ramp), (out, other) = (stop_times(points[order[k + side]], points, limits) for side in (-1, 1))
+        least = into + out - np.minimum(ramp, other)
+        nearest = [number for number in np.argsort(least) if least[number] < (into + out)[order[k]]]
+        for number in nearest[:compared]:
+            changed = [*order[:k], int(number), *order[k + 1 :]]
+            if line_proven(*points[changed[k - 1 : k + 1]]) and line_proven(*points[changed[k : k + 2]]):
+                moved = made(changed)
+                if moved.motion.duration < best.motion.duration - SAVED:
+                    best, order = moved, changed
+    return best
 
 
 def moves_between_rests(
@@ -546,7 +610,7 @@ def moves_between_rests(
 
     Without a proof they lead through samples of the curve.
     """
-    arm, names = checker.arm, checker.arm.joint_names
+    arm = checker.arm
     # Samples of the curve, and the parts of it from rest to rest
     if isinstance(curve, JointPath):
         points, rests, times = curve.q, [0, len(curve.q) - 1], np.zeros(len(curve.q))
@@ -562,7 +626,7 @@ def moves_between_rests(
     times = times if isinstance(curve, TimedCurve) else np.zeros(len(times))
 
     def proven(path: JointPath, tolerance: Array) -> bool:
-        return is_proven_free(path, checker, joint_tolerance=tolerance + deviation)
+        return is_proven_free(path, checker, joint_tolerance=tolerance + deviation + COVERED)
 
     for first, last in pairwise(rests):
         part = points[first : last + 1]
@@ -577,42 +641,22 @@ def moves_between_rests(
             profile = motion.profiles[0].lasting(slower)
             steps.append(timed_step(arm, motion.moves[0], profile, None, linear=True))
             continue
-        # Or the fastest joint moves
-        best: tuple[ControllerMotion, list[Blend | None]] | None = None
-        for spare, count in (
-            (SPARE[0], SAMPLES[0]),
-            *((spare, SAMPLES[0]) for spare in SPARE[1:]),
-            (SPARE[0], SAMPLES[1]),
-        ):
-            if best is not None and count == SAMPLES[1]:
-                break
+        # Or the fastest joint moves; where none are proven, those through samples of the curve
+        best: BlendedMoves | None = None
+        for count in SAMPLES:
             inner = part[np.unique(np.linspace(0, len(part) - 1, min(count, len(part))).round().astype(int))]
-            line_proven = partial(_line_proven, proven, names, spare)
-            wider = with_points_beside(inner, arm.limits) if spare else inner
-            found = fewest_moves(wider, arm.limits, line_proven)
-            if found is None and spare == SPARE[0] and count == SAMPLES[-1]:
-                found = inner[:: max(1, len(inner) // SAMPLES[0])]
-                found = found if np.array_equal(found[-1], inner[-1]) else np.vstack([found, inner[-1]])
-            if found is None:
-                continue
-            paths = [JointPath(pair, names) for pair in pairwise(found)]
-            ends = [
-                largest_zone(zones, arm, *pair, lambda path, extent: proven(path, extent + COVERED))
-                for pair in pairwise(paths)
-            ]
-            ends.append((None, None))
-            moves = [ControllerMove(path, None, zone) for path, (_, zone) in zip(paths, ends, strict=True)]
-            motion = without_slow_zones(moves, arm.limits)
-            made = motion, [blend if move.zone else None for move, (blend, _) in zip(motion.moves, ends, strict=True)]
-            best = made if best is None or made[0].duration < best[0].duration else best
+            best = best or blended_moves(with_corners(inner, arm.limits), arm, zones, proven, compared=TRIED)
+        if best is None:
+            few = [JointPath(pair, arm.joint_names) for pair in pairwise(inner[:: len(inner) // SAMPLES[0] + 1])]
+            few.append(JointPath([few[-1].end, inner[-1]], arm.joint_names))
+            stopping = [ControllerMove(path) for path in few if np.ptp(path.q, axis=0).any()]
+            best = BlendedMoves(controller_motion(stopping, arm.limits), (None,) * len(stopping))
         # No faster than the curve, which may be slow for a reason
-        if best is not None:
-            slower = max(1.0, float(times[last] - times[first]) / best[0].duration)
-            timed = zip(best[0].moves, best[0].profiles, best[1], strict=True)
-            steps += [
-                timed_step(arm, move, profile.lasting(slower * profile.duration), blend, linear=False)
-                for move, profile, blend in timed
-            ]
+        slower = max(1.0, float(times[last] - times[first]) / best.motion.duration)
+        steps += [
+            timed_step(arm, move, profile.lasting(slower * profile.duration), blend, linear=False)
+            for move, profile, blend in zip(best.motion.moves, best.motion.profiles, best.blends, strict=True)
+        ]
     return steps
 
 
@@ -684,32 +728,58 @@ def program_motions(
 
 def _controller_move(step: Step, path: JointPath, arm: Arm, zone: tuple[float, float] | None) -> ControllerMove:
     """The move of a step with its zone, at the speed that the text states."""
-    if isinstance(step, LinearMove) and step.speed is not None:
-        ends = [arm.forward_kinematics(q).translation for q in (path.start, path.end)]
-        length = float(np.linalg.norm(ends[1] - ends[0]))
-        return ControllerMove(path, step.duration, zone, top=step.speed / max(length, 1e-9))
-    if isinstance(step, JointMove):
-        travel = float(np.abs(path.end - path.start).max())
-        top = None if step.speed is None else step.speed / max(travel, 1e-9)
-        return ControllerMove(path, step.duration, zone, (step.percent or 100) / 100.0, top)
-    period = step.period if isinstance(step, StreamedPoint) else None
-    return ControllerMove(path, getattr(step, "duration", period), zone)
+    if not isinstance(step, JointMove | LinearMove):
+        return ControllerMove(path, step.period if isinstance(step, StreamedPoint) else None, zone)
+    ends = [arm.forward_kinematics(q).translation for q in (path.start, path.end)]
+    straight = isinstance(step, LinearMove)
+    length = max(float(np.linalg.norm(ends[1] - ends[0]) if straight else np.abs(path.end - path.start).max()), 1e-9)
+    top, gain = (None if stated is None else stated / length for stated in (step.speed, step.acceleration))
+    percent = 100 if isinstance(step, LinearMove) else step.percent or 100
+    return ControllerMove(path, step.duration, zone, percent / 100.0, top, gain)
 
 
 def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tuple[JointPath, Array]:
-    """Return the part of two moves that a blend between them may use, and its extent (n,) in each joint.
+    """Return a curve and a tolerance (n,) in each joint, which cover what a blend between two moves may execute.
 
-    Every configuration off this part by no more than the extent is covered.
+    Let a and b be the changes of the joint values from the point to configurations on the two moves within the blend.
+    While both moves are superposed, the arm is at the point changed by a + b for some of them, whatever their speeds
+    are; parabolas and arcs lie there too. The curve leads through rows of this surface, and the tolerance contains half
+    of the distance of two rows, ``OTHER_CURVES`` of the largest changes, and ``CARTESIAN`` times the largest difference
+    from a superposition of the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the
+    surface by its largest change.
     """
-    parts = []
+    point, sides = into.end, list[Array]()
     for path in (into.reversed(), out):
         points = _dense(path.q)
         share, _ = zone_shares(blend, arm, path.q)
-        parts.append(points[: int(np.ceil(share * (len(points) - 1) - 1e-9)) + 1])
-    curve = JointPath(np.concatenate([parts[0][::-1], parts[1][1:]]), into.joint_names)
-    if len(into.q) == len(out.q) == 2:
-        curve = JointPath(curve.q[[0, len(parts[0]) - 1, -1]], into.joint_names)
-    return curve, np.abs(curve.q - into.end).max(axis=0)
+        sides.append(points[: int(np.ceil(share * (len(points) - 1) - 1e-9)) + 1] - point)
+    extent = np.abs(np.concatenate(sides)).max(axis=0)
+    one, other = sorted(sides, key=lambda side: float(np.abs(side).max()))
+    # Rows along the larger side, at some changes of the smaller one
+    at, along = (np.linspace(0, len(side) - 1, ROWS + 1).round().astype(int) for side in (one, other))
+    nearest = at[np.abs(np.arange(len(one))[:, None] - at).argmin(axis=1)]
+    fine = np.arange(len(other))
+    chords = np.stack([np.interp(fine, along, column[along]) for column in other.T], axis=1)
+    between = np.abs(one - one[nearest]).max(axis=0) + np.abs(other - chords).max(axis=0)
+    between += 0.5 * (
+        np.abs(np.diff(one, axis=0)).max(axis=0, initial=0.0) + np.abs(np.diff(other, axis=0)).max(axis=0)
+    )
+    rows = [point + one[row] + other[along[:: 1 - 2 * (k % 2)]] for k, row in enumerate(at)]
+    # Superposed poses of the tcp, for shares of both sides that add up to at most 1
+    here, apart = arm.forward_kinematics(point), np.zeros(arm.dof)
+    solvable = arm.dof >= 6 and arm.angular[-6:].all()
+    for shares in SUPERPOSED:
+        changes = [side[round(share * (len(side) - 1))] for side, share in zip(sides, shares, strict=True)]
+        joined = point + changes[0] + changes[1]
+        ends = [arm.forward_kinematics(point + change) for change in changes]
+        turn = pin.log3(here.rotation.T @ ends[0].rotation) + pin.log3(here.rotation.T @ ends[1].rotation)
+        place = ends[0].translation + ends[1].translation - here.translation
+        pose = pin.SE3(here.rotation @ pin.exp3(turn), place)
+        q, _, reason = _solved(arm, joined, [pose]) if solvable else (np.zeros(0), 0, "unknown")
+        apart = extent if reason else np.maximum(apart, np.minimum(CARTESIAN * np.abs(q[0] - joined), extent))
+        if reason:
+            break
+    return JointPath(np.concatenate(rows), into.joint_names), between + OTHER_CURVES * extent + apart
 
 
 def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, LineTrace], tuple[str, ...]]:
@@ -849,6 +919,14 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                 stops = 0 if duration is None else (not moving) + (step.blend is None)
             if duration is None and step.speed is not None:
                 duration = distance / step.speed
+            # All joints accelerate in proportion
+            most = np.where(limits.guessed | np.isnan(limits.acceleration), np.inf, limits.acceleration)
+            rates = travel * (step.acceleration or 0.0) / max(distance, 1e-9)
+            for joint in np.flatnonzero(rates > most * (1.0 + LIMIT_TOLERANCE)):
+                yield (
+                    f"line {step.line}: {names[joint]} would need the acceleration {rates[joint]:.4g} as stated; its "
+                    f"limit is {most[joint]:.4g} rad/s^2"
+                )
             # A move whose stated duration is too short cannot be followed.
             needed = shortest_durations(np.maximum(travel - ROUNDING, 0.0), limits, stops)
             for joint in () if duration is None else np.flatnonzero(needed > duration * (1.0 + LIMIT_TOLERANCE)):
@@ -911,22 +989,22 @@ def _stream_faults(
 
 
 def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
-    """Return the share of a move from a point that a blend there may use: an upper bound, and the documented one.
+    """Return the share of a move from a point that a blend there may use: an upper bound, and the stated one.
 
     The points q (k, n) of the move begin at that of the blend. For a blend with a radius it is the part of the move on
     which the tcp may be within the radius of its position at the point. The tcp moves by at most ``lever . |dq|``
     between two samples.
     """
     if blend.radius is None:
-        return blend.share, blend.share
+        return blend.share, blend.share * blend.stated
     points = _dense(q)
     spacing = 1.0 / (len(points) - 1)
     tcp = arm.forward_kinematics_batch(points)[:, :3, 3]
     slack = float((np.abs(np.diff(points, axis=0)) @ levers(arm)).max())
     distances = np.linalg.norm(tcp - tcp[0], axis=1)
     last = int(np.flatnonzero(distances <= blend.radius + slack).max())
-    first = int(np.argmax(np.append(distances, np.inf) > blend.radius))
-    return min((last + 1) * spacing, 1.0), (first - 1) * spacing
+    first = int(np.argmax(np.append(distances, np.inf) > blend.radius * blend.stated))
+    return min((last + 1) * spacing, blend.share), min((first - 1) * spacing, blend.share)
 
 
 def _dense(q: Array) -> Array:

@@ -24,9 +24,17 @@ class Blend:
     """The part of the two moves at a point in which the controller may leave their straight lines."""
 
     radius: float | None = key(
-        "between the tcp and its position at the point; None if the controller does not use a radius", "m", default=None
+        "the blend may use the part of the moves on which the tcp is this close to its position at the point; None if "
+        "the language states no distance",
+        "m",
+        default=None,
     )
-    share: float = key("largest share of each of the two moves that the blend may use", default=0.5)
+    share: float = key("largest share of each of the two moves that the blend may use", default=1.0)
+    stated: float = key(
+        "share of the radius, or else of the share, that the text states and the duration is computed with; less than "
+        "1 where the manual permits the controller a larger blend",
+        default=1.0,
+    )
 
 
 @described(eq=False)
@@ -41,6 +49,9 @@ class JointMove:
     percent: int | None = key(
         "per cent of the velocity limits of the joints, for languages that state neither; None if the text states none",
         default=None,
+    )
+    acceleration: float | None = key(
+        "rad/s^2 of the joint that moves farthest; None if the text states none", default=None
     )
 
 
@@ -58,6 +69,7 @@ class LinearMove:
         "rad or m, the values of the external joints at the end, if the text states the pose; None without them",
         default=None,
     )
+    acceleration: float | None = key("m/s^2 of the tcp; None if the text states none", default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +194,8 @@ def external_joints(arm: Arm, stated: Iterable[str] | None = None) -> dict[str, 
 Body = Sequence[tuple[int, str]]
 # A regular expression for a decimal number in the form that all languages share, without sign + and exponent.
 NUMBER = r"-?\d+(?:\.\d+)?"
+# The radii (m) of zones that are compared in languages in which they may be any number.
+RADII = (0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.01, 0.005, 0.003, 0.002, 0.001, 0.0005)
 # A regular expression for the name of a routine.
 NAME = r"[A-Za-z]\w*"
 # Words that a program, a tool or a frame cannot have as its name, because a language uses them.
@@ -348,7 +362,7 @@ class Dialect:
     exact = False  # whether the controller interpolates a trajectory exactly as pinproof does
     streams = False  # whether the language can send set points at a fixed period
     outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs
-    blend: Blend | None = None  # the blend of an inner point by default; None if the language has none
+    zones: tuple[Blend, ...] = ()  # the blends that the language can state, from the largest to the smallest
     deviation = 0.0  # rad: the assumed deviation of each joint from the straight lines of the moves, by default
     # A regular expression of the names of inputs and outputs, and a description for messages.
     signals, signal_kind = "0*[1-9][0-9]*", "numbers from 1"

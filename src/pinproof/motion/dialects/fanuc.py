@@ -34,8 +34,6 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import SE3, pose, xyz_rpy
 
-# The CNT value of a blended point by default; its blend may use at most half of each of the two moves.
-CONTINUOUS = 50
 # A regular expression for the number of a position; with leading zeros one position would have several names.
 INDEX = r"[1-9]\d*"
 # Per cent of the axis velocities of a move whose duration is not stated.
@@ -56,7 +54,7 @@ class Fanuc(Dialect):
     comment_mark = "!pp"
     comment_width = 28
     outputs = "1"
-    blend = Blend(share=0.5)
+    zones = (Blend(share=0.5),)
     deviation = 0.002
     remark = ("!", " ;")
     required = (FRAME, TOOL)
@@ -226,11 +224,20 @@ def _pose(name: str) -> Field:
     return numbers(name, POSE, values, made, 3)
 
 
-TERMINATION = Field(
-    r"FINE|CNT(?:100|\d\d?)",
-    lambda step: "FINE" if step.blend is None else f"CNT{min(int(100 * step.blend.share + 1e-9), 100)}",
-    lambda text: {"blend": None if text == "FINE" else Blend(share=CONTINUOUS / 100)},
-)
+def _termination(step: JointMove | LinearMove) -> str:
+    if step.blend is None:
+        return "FINE"
+    if step.blend.radius is not None:
+        raise InputError("a blend in fanuc has no radius, but uses a share of the two moves")
+    return f"CNT{min(int(100 * step.blend.stated + 1e-9), 100)}"
+
+
+def _blend(text: str) -> Mapping[str, Blend | None]:
+    return {"blend": None if text == "FINE" else Blend(share=0.5, stated=int(text.removeprefix("CNT")) / 100)}
+
+
+# A blend may use half of each move with every CNT value, because the manual states no extent for less than 100.
+TERMINATION = Field(r"FINE|CNT(?:100|[1-9]?\d)", _termination, _blend)
 
 
 def _entry(heading: Heading) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.dialects.dialect import (
     NUMBER,
+    RADII,
     Blend,
     Dialect,
     Field,
@@ -32,9 +34,6 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import SE3, pose, xyz_rpy
 
-# Per cent of half a move that a blend may use (`$APO.CPTP`), if no step states less. Between a joint and a linear move,
-# and between linear moves, it begins at a distance (mm, `$APO.CDIS`), at most in the middle of the move.
-APPROXIMATION, DISTANCE = 100, 10
 # m/s of linear moves, and the largest value of `BAS(#VEL_CP,..)`.
 LINE_SPEED, FASTEST_LINE = 0.1, 3.0
 # Per cent of the axis velocities; KRL states no durations of moves.
@@ -45,7 +44,7 @@ FRAME = "{X #,Y #,Z #,A #,B #,C #}"
 
 
 class Krl(Dialect):
-    """KRL; ``C_PTP`` blends a point within ``$APO.CPTP`` per cent of half a move."""
+    """KRL; ``C_DIS`` blends a point from the distance ``$APO.CDIS`` of the tcp, in at most half of each move."""
 
     name = "krl"
     endings = (".src",)
@@ -53,7 +52,7 @@ class Krl(Dialect):
     external = 6
     comment_mark = "; pinproof:"
     outputs = "1"
-    blend = Blend(share=APPROXIMATION / 200)
+    zones = tuple(Blend(radius, 0.5) for radius in RADII)
     deviation = 0.002
     remark = ("; ", "")
     required = (0,)
@@ -66,45 +65,46 @@ class Krl(Dialect):
 
     def arranged(self, heading: Heading, steps: Sequence[Step]) -> list[Any]:
         """See :meth:`Dialect.arranged`."""
-        # The first instruction resets base, tool and approximation. The advance run forbids later approximations.
-        shares = [step.blend.share for step in steps if isinstance(step, JointMove) and step.blend is not None]
-        percent = max(int(200 * min(shares, default=APPROXIMATION / 200) + 1e-9), 1)
-        items = ["  BAS(#INITMOV,0)", *super().arranged(heading, ()), f"  $APO.CPTP={percent}"]
-        if any(isinstance(step, LinearMove) for step in steps):
-            items.append(f"  $APO.CDIS={DISTANCE}")
+        # The first instruction resets base, tool and approximation
+        items = ["  BAS(#INITMOV,0)", *super().arranged(heading, ())]
+        radii, distance = _common_radii(steps), 0.0
         axes, line = 0, 0.0
-        for step, after in zip(steps, _followers(steps), strict=True):
+        for step, radius in zip(steps, radii, strict=True):
+            if radius is not None and radius != distance:
+                distance = radius
+                items.append(f"  $APO.CDIS={rounded_down(1e3 * radius)}")
             if isinstance(step, JointMove) and (step.percent or SPEED) != axes:
                 axes = step.percent or SPEED
                 items.append(f"  BAS(#VEL_PTP,{axes})")
             if isinstance(step, LinearMove) and (speed := min(step.speed or LINE_SPEED, FASTEST_LINE)) != line:
                 line = speed
                 items.append(f"  BAS(#VEL_CP,{rounded_down(line)})")
-            if isinstance(step, JointMove) and step.blend is not None and isinstance(after, LinearMove):
-                items.append(replace(step, blend=Blend(radius=DISTANCE / 1e3)))
-            else:
-                items.append(step)
+            items.append(step)
         return items
 
     def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
         """See :meth:`Dialect.completed`."""
-        steps, values = list[Step](), {"share": Blend().share, "percent": 0.0, "speed": 0.0}
-        for item, after in zip(items, _followers(items), strict=True):
+        steps, values, passing = list[Step](), {"distance": 0.0, "percent": 0.0, "speed": 0.0}, False
+        for item in items:
             where = f"line {item.line}"
             if isinstance(item, Setting):
-                # Whether it holds for a blend that is not executed yet depends on the advance run.
-                if item.name in ("share", "distance") and any(isinstance(step, Move) for step in steps):
-                    raise TrajectoryError(source, "$APO must be before the first move", where)
+                # Whether it applies to a blend that is not executed yet depends on the advance run
+                if item.name == "distance" and passing:
+                    raise TrajectoryError(source, "$APO.CDIS may change only where the arm stops", where)
                 values[item.name] = item.value
-            elif isinstance(item, JointMove):
-                blend = item.blend and Blend(share=Blend().share if isinstance(after, LinearMove) else values["share"])
-                steps.append(replace(item, blend=blend, percent=int(values["percent"]) or None))
+                continue
+            passing = item.blend is not None if isinstance(item, Move) else passing
+            if passing and isinstance(item, Move) and not values["distance"]:
+                raise TrajectoryError(source, "$APO.CDIS must be stated before a blend", where)
+            if isinstance(item, Move) and passing:
+                item = replace(item, blend=Blend(values["distance"], 0.5))
+            if isinstance(item, JointMove):
+                item = replace(item, percent=int(values["percent"]) or None)
             elif isinstance(item, LinearMove):
                 if not values["speed"]:
                     raise TrajectoryError(source, "BAS(#VEL_CP,..) must be before a linear move", where)
-                steps.append(replace(item, speed=values["speed"]))
-            else:
-                steps.append(item)
+                item = replace(item, speed=values["speed"])
+            steps.append(item)
         return steps
 
     def forms(self, heading: Heading) -> list[Form]:
@@ -143,11 +143,10 @@ class Krl(Dialect):
                 if name
             ),
             Form(JointMove, "PTP @@", (axes, BLENDED)),
-            Form(LinearMove, "LIN @@", (numbers("", FRAME[:-1] + outer + "}", target, reached, 5), ROUNDED)),
+            Form(LinearMove, "LIN @@", (numbers("", FRAME[:-1] + outer + "}", target, reached, 5), BLENDED)),
             Form(Setting, "BAS(#VEL_PTP,@)", (_setting("percent", 100.0, 1.0, r"[1-9]\d*"),)),
             Form(Setting, "BAS(#VEL_CP,@)", (_setting("speed", FASTEST_LINE, 1.0),)),
-            Form(Setting, "$APO.CPTP=@", (_setting("share", 100.0, 200.0),)),
-            Form(Setting, "$APO.CDIS=@", (_setting("distance", 1e3, 1.0),)),
+            Form(Setting, "$APO.CDIS=@", (_setting("distance", 1e3, 1e3),)),
             Form(SetLoad, "$LOAD=@", (heading.carried(LOAD, 1e3, 6),)),
             *self.common_forms(
                 "$OUT[@]=@",
@@ -177,22 +176,26 @@ def _setting(name: str, largest: float, unit: float, pattern: str = NUMBER) -> F
     return Field(pattern, str, lambda text: {"name": name, "value": positive(text, largest=largest) / unit})
 
 
-def _blended(step: JointMove) -> str:
-    if step.blend is None:
-        return ""
-    return " C_PTP" if step.blend.radius is None else " C_PTP C_DIS"
+def _common_radii(steps: Sequence[Step]) -> list[float | None]:
+    """The radius that applies from a step on; None where it does not change, because the arm passes without a stop.
+
+    Between two stops it is the least one, because a change there may apply to an earlier or a later point.
+    """
+    radii, least, first = list[float | None]([None] * len(steps)), math.inf, 0
+    for k, step in enumerate(steps):
+        if not isinstance(step, JointMove | LinearMove):
+            continue
+        if step.blend is None:
+            least = math.inf
+            continue
+        if step.blend.radius is None:
+            raise InputError("a blend in krl needs a radius in metres")
+        first = k if least == math.inf else first
+        least = radii[first] = min(least, step.blend.radius)
+    return radii
 
 
-def _followers(items: Sequence[Any]) -> list[Any]:
-    """For each step the next move; None at the end."""
-    found: list[Any] = [None]
-    for item in reversed(items[1:]):
-        found.append(item if isinstance(item, Move) else found[-1])
-    return found[::-1]
-
-
-BLENDED = Field("(?: C_PTP(?: C_DIS)?)?", _blended, lambda text: {"blend": Blend() if text else None})
-ROUNDED = Field(
+BLENDED = Field(
     "(?: C_DIS)?",
     lambda step: "" if step.blend is None else " C_DIS",
     lambda text: {"blend": Blend() if text else None},

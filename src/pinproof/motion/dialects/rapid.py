@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.errors import InputError
 from pinproof.model import Payload
 from pinproof.motion.dialects.dialect import (
     NAME,
@@ -34,11 +35,12 @@ from pinproof.motion.dialects.dialect import (
 )
 from pinproof.spatial import SE3, pose
 
-# Regular expressions of the speeds and zones that RAPID predefines; others may be defined elsewhere, as anything.
-SPEEDS = "v(?:5|[1-68]0|[1-68]00|1500|[1-7]000|2500|150)"
-ZONES = "z(?:[015]|[1-6]0|15|80|1[05]0|200)"
-# The radii (mm) of predefined zones; that of z0 is 0.3 mm.
-RADII = (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)
+# The radii (mm) of the predefined zones by their numbers.
+RADII = {number: max(number, 0.3) for number in (0, 1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
+ZONES = "z(?:" + "|".join(map(str, RADII)) + ")"
+# By which factor of its radius a zone is covered: that of orientations and external axes is 1.5 times as large, and
+# between joint moves a zone "may differ somewhat" from its radius.
+LARGER = 2.0
 # kg: the least mass of a tool.
 LEAST_MASS = 0.001
 # The text of a load: its mass and its centre of mass in millimetres.
@@ -48,7 +50,7 @@ TOOL, OBJECT, LOADS, ROUTINE, FLAG = range(5)
 
 
 class Rapid(Dialect):
-    """RAPID; a fly-by point may use at most half of the move to it and half of the move after it."""
+    """RAPID; a zone has a radius, and uses at most half of the move to its point and half of the move after it."""
 
     name = "rapid"
     endings = (".mod", ".modx", ".prg")
@@ -56,7 +58,7 @@ class Rapid(Dialect):
     external = 6
     comment_mark = "! pinproof:"
     outputs = "do_gripper"
-    blend = Blend(share=0.5)
+    zones = tuple(Blend(LARGER * radius / 1e3, 0.5, 1.0 / LARGER) for radius in reversed(RADII.values()))
     deviation = 0.002
     signals, signal_kind = NAME, "names, such as do_gripper"
     remark = ("! ", "")
@@ -170,14 +172,17 @@ class Rapid(Dialect):
 
 
 def _pose(name: str) -> Field:
-    """The field of a pose: millimetres and a quaternion."""
-    return numbers(
-        name,
-        "[[#,#,#],[#,#,#,#]]",
-        lambda step: [*(1e3 * getattr(step, name).translation), *quaternion(getattr(step, name))],
-        lambda v: pose(np.array(v[:3]) / 1e3, quat_xyzw=[*v[4:], v[3]]),
-        9,
-    )
+    """The field of a pose: millimetres and a unit quaternion."""
+
+    def made(v: Sequence[float]) -> SE3:
+        if abs(np.linalg.norm(v[3:]) - 1.0) > 1e-6:
+            raise ValueError("a quaternion must have the length 1")
+        return pose(np.array(v[:3]) / 1e3, quat_xyzw=[*v[4:], v[3]])
+
+    def values(step: ToolData | UserFrame) -> list[float]:
+        return [*(1e3 * getattr(step, name).translation), *quaternion(getattr(step, name))]
+
+    return numbers(name, "[[#,#,#],[#,#,#,#]]", values, made, 9)
 
 
 def _timed(step: JointMove | LinearMove) -> str:
@@ -199,10 +204,18 @@ def _zone(step: JointMove | LinearMove) -> str:
     if step.blend is None:
         return "fine"
     if step.blend.radius is None:
-        return "z10"
-    return f"z{max((radius for radius in RADII if radius <= 1e3 * step.blend.radius + 1e-6), default=0)}"
+        raise InputError("a blend in rapid needs a radius in metres")
+    stated = 1e3 * step.blend.radius * step.blend.stated
+    return f"z{max((number for number, radius in RADII.items() if radius <= stated + 1e-6), default=0)}"
 
 
-ANY_TIME = Field(rf"{SPEEDS}(?:\\T:={NUMBER})?", _timed, _time)
-LINE_TIME = Field(rf"{SPEEDS}\\T:={NUMBER}|\[{NUMBER},500,5000,1000\]", _timed, _time)
-ZONE = Field(f"fine|{ZONES}", _zone, lambda text: {"blend": None if text == "fine" else Blend(share=0.5)})
+def _blend(text: str) -> Mapping[str, Blend | None]:
+    if text == "fine":
+        return {"blend": None}
+    return {"blend": Blend(LARGER * RADII[int(text[1:])] / 1e3, 0.5, 1.0 / LARGER)}
+
+
+# The speed of a move of a stated time has no effect; the first move has the slow one, others must state a time.
+ANY_TIME = Field(rf"v100|v1000\\T:={NUMBER}", _timed, _time)
+LINE_TIME = Field(rf"v1000\\T:={NUMBER}|\[{NUMBER},500,5000,1000\]", _timed, _time)
+ZONE = Field(f"fine|{ZONES}", _zone, _blend)

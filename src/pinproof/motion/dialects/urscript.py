@@ -51,7 +51,9 @@ class UrScript(Dialect):
     longest = 64
     comment_mark = "# pinproof:"
     outputs = "0"
-    blend = Blend(radius=0.01)
+    zones = tuple(
+        map(Blend, (0.2, 0.15, 0.1, 0.08, 0.06, 0.05, 0.04, 0.03, 0.025, 0.02, 0.015, 0.01, 0.005, 0.002, 0.001))
+    )
     deviation = 0.002
     streams = True
     signals, signal_kind = "[0-7]", "numbers from 0 to 7"
@@ -126,13 +128,13 @@ def _timed(step: JointMove | LinearMove) -> str:
     straight = isinstance(step, LinearMove)
     if step.duration is not None or (straight and step.speed is None):
         return f"t={rounded_up(step.duration or 1.0, 1e-6, 0.002):.6f}"
-    acceleration = LINE_ACCELERATION if straight else START_ACCELERATION
-    return f"a={acceleration}, v={rounded_down(step.speed or START_SPEED)}"
+    acceleration = step.acceleration or (LINE_ACCELERATION if straight else START_ACCELERATION)
+    return f"a={rounded_down(acceleration)}, v={rounded_down(step.speed or START_SPEED)}"
 
 
 def _time(text: str) -> Mapping[str, float]:
     stated = {key: positive(value) for key, _, value in (part.partition("=") for part in text.split(", "))}
-    return {"duration": stated["t"]} if "t" in stated else {"speed": stated["v"]}
+    return {"duration": stated["t"]} if "t" in stated else {"speed": stated["v"], "acceleration": stated["a"]}
 
 
 def _radius(step: JointMove | LinearMove) -> str:

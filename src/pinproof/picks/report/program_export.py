@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ import numpy as np
 from pinproof.collision import (
     COVERED,
     SAMPLES,
-    SPARE,
+    TRIED,
     Certificate,
     CertificateStatus,
     ExecutedPart,
+    blended_moves,
     executed_parts,
     is_proven_free,
-    largest_zone,
     overlaps,
     program_motions,
     speed_violations,
@@ -32,7 +32,6 @@ from pinproof.collision import (
     trace_line,
     traced,
     unknown_speeds,
-    zones_of,
 )
 from pinproof.common.results import Shown, View
 from pinproof.common.structs import key, struct
@@ -57,16 +56,16 @@ from pinproof.motion import (
     SetLoad,
     SetOutput,
     Step,
+    ToolData,
     ToolLimits,
     Wait,
     certificate_id,
     controller_motion,
-    fewest_moves,
     find_dialect,
     is_program_file,
     make_program,
     time_parametrise,
-    without_slow_zones,
+    with_corners,
 )
 from pinproof.picks.input.pick import RETURN, Pick
 from pinproof.picks.input.picks import MOUNTED
@@ -144,7 +143,8 @@ def export_picks(
         The name of the program.
     deviation
         rad: by how much each joint may deviate from the moves, which the text of the program states; by default that of
-        the language, as for :func:`pinproof.collision.export_program`.
+        the language, as for :func:`pinproof.collision.export_program`, or the largest of its half, quarter and eighth
+        with which the program is proven.
     joint_map
         The joint values of the controller from those of the model, if they differ.
 
@@ -155,7 +155,7 @@ def export_picks(
     """
     if not picks:
         raise InputError("there is no pick with a motion to export")
-    stated, external = setup.shared.program, check_export(setup.checker.arm, setup.shared, dialect)
+    external = check_export(setup.checker.arm, setup.shared, dialect)
     # The programs follow each other
     for (_, before), (pick, after) in pairwise(picks):
         if not before.leads_to(after):
@@ -170,15 +170,57 @@ def export_picks(
             "export the picks of each tool"
         )
     tool = controller_tool(setup.checker.arm, setup.shared.for_pick(setup.shared.grasps_of(picks[0][0])[0]))
-    deviation = find_dialect(dialect).deviation if deviation is None else deviation
-    # The moves of each pick, with what happens at rest between them
+    write = partial(
+        make_program,
+        joint_names=picks[0][1].joint_names,
+        dialect=dialect,
+        name=name,
+        joint_map=joint_map,
+        tool=tool,
+        frame=user_frame(setup),
+        external_joints=external,
+    )
+    # The largest deviation that is proven, if none is stated
+    usual = find_dialect(dialect).deviation
+    for allowed in [usual / 2**k for k in range(HALVED)] if deviation is None else [deviation]:
+        final = deviation is not None or allowed == usual / 2 ** (HALVED - 1)
+        try:
+            steps, executed = _steps_of_picks(setup, picks, tool, output, allowed, find_dialect(dialect).zones)
+        except NoMoves:
+            if final:
+                raise
+            continue
+        # What the text states is certified; a proven program states the hash of its proofs
+        written = write(steps, picks=executed, deviation=allowed)
+        certificates, notes = certify_picks_program(setup, [pick for pick, _ in picks], written)
+        free = all(each.free for motions in certificates for each in motions)
+        if free or final:
+            break
+    if free:
+        records = [each.motion_record() for motions in certificates for each in motions]
+        text = json.dumps([record.to_dict() for record in records], sort_keys=True)
+        hashed = hashlib.sha256(text.encode("utf-8")).hexdigest()
+        uncovered = "; ".join(notes)
+        written = write(steps, picks=executed, deviation=allowed, certificate=hashed, uncovered=uncovered)
+    if deviation is None and allowed < usual:
+        notes = (*notes, f"{name}: a deviation of {allowed:g} rad of each joint is covered, not {usual:g} rad as usual")
+    duration = program_duration(written, setup.checker.arm)
+    return PicksProgram(written, certificates, duration, sum(program.duration for _, program in picks), notes)
+
+
+def _steps_of_picks(
+    setup: PickSetup,
+    picks: Sequence[tuple[Pick, MotionProgram]],
+    tool: ToolData,
+    output: str,
+    deviation: float,
+    zones: Sequence[Blend],
+) -> tuple[list[Step], list[ProgramPick]]:
+    """The steps of picks, and the picks with the numbers of their moves; NoMoves if moves are not proven."""
     steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
-    executed = list[ProgramPick]()
+    executed, stated = list[ProgramPick](), setup.shared.program
     for pick, program in picks:
-        made, load = (
-            PickMoves(setup, pick, program, deviation, zones_of(dialect)),
-            part_load(setup, tool, pick, program),
-        )
+        made, load = PickMoves(setup, pick, program, deviation, zones), part_load(setup, tool, pick, program)
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
@@ -195,28 +237,11 @@ def export_picks(
                         steps.append(CheckInput(stated.input, True, stated.timeout, error=stated.error or ""))
                     steps += [] if load is None else [SetLoad(load if grips else None)]
         executed.append(ProgramPick(pick.name, program.member, tuple(counts)))
-    write = partial(
-        make_program,
-        joint_names=picks[0][1].joint_names,
-        dialect=dialect,
-        name=name,
-        deviation=deviation,
-        joint_map=joint_map,
-        picks=executed,
-        tool=tool,
-        frame=user_frame(setup),
-        external_joints=external,
-    )
-    # What the text states is certified; a proven program states the hash of its proofs
-    written = write(steps)
-    certificates, notes = certify_picks_program(setup, [pick for pick, _ in picks], written)
-    if all(each.free for motions in certificates for each in motions):
-        records = [each.motion_record() for motions in certificates for each in motions]
-        text = json.dumps([record.to_dict() for record in records], sort_keys=True)
-        written = write(steps, certificate=hashlib.sha256(text.encode("utf-8")).hexdigest(), uncovered="; ".join(notes))
-    duration = program_duration(written, setup.checker.arm)
-    return PicksProgram(written, certificates, duration, sum(program.duration for _, program in picks), notes)
+    return steps, executed
 
+
+HALVED = 4
+"""Number of deviations that are compared, each half of the one before."""
 
 ROUNDS = 6
 """How often moves are made slower until all limits are kept."""
@@ -299,21 +324,24 @@ class PickMoves:
         else:
             out = self._line("retreat", here, pick.after(self._task.grasp(member)), pick.retreat)
             into = self._line("place", end, place.before(self._task.release(member)), place.approach)
-        alone = out is not None and into is None and not returns
-        options = product(
-            [None] if out is None else [1.0] if alone else out.shares(),
-            [None] if into is None else into.shares(),
-            SPARE[:1] if alone else SPARE,
-        )
-        made = [
-            self._between(stretch, here, end, (out, leaving), (into, entering), None if alone else spare)
-            for leaving, entering, spare in options
-        ]
-        found = [moves for moves in made if moves is not None]
-        if not found:
-            what = " and ".join(segment.name for segment in stretch)
-            raise NoMoves(f"pick {pick.name!r}: no joint moves for {what} are proven collision-free")
-        best = min(found, key=lambda moves: moves.motion.duration)
+        if out is not None and into is None and not returns:
+            stages = (out.stage,)
+            best = _Moves(stages, (None,), self._within_limits(stages, [ControllerMove(out.path)]))
+        else:
+            # The line shares with which the moves are the fastest; then their corners are compared with others
+            options = [
+                (leaving, entering)
+                for leaving in ((None,) if out is None else out.shares())
+                for entering in ((None,) if into is None else into.shares())
+            ]
+            made = [self._between(stretch, (here, end), (out, into), shares) for shares in options]
+            proven = [(moves, shares) for moves, shares in zip(made, options, strict=True) if moves is not None]
+            if not proven:
+                what = " and ".join(segment.name for segment in stretch)
+                raise NoMoves(f"pick {pick.name!r}: no joint moves for {what} are proven collision-free")
+            first, shares = min(proven, key=lambda each: each[0].motion.duration)
+            again = self._between(stretch, (here, end), (out, into), shares, compared=TRIED)
+            best = min((each for each in (first, again) if each), key=lambda moves: moves.motion.duration)
         names = [segment.name for segment in stretch]
         for stage, blend, move, profile in zip(
             best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True
@@ -336,73 +364,48 @@ class PickMoves:
     def _between(
         self,
         stretch: Sequence[ProgramSegment],
-        here: Array,
-        end: Array,
-        leaving: tuple[_Line | None, float | None],
-        entering: tuple[_Line | None, float | None],
-        spare: float | None,
+        ends: tuple[Array, Array],
+        lines: tuple[_Line | None, _Line | None],
+        shares: tuple[float | None, float | None],
+        *,
+        compared: int = 0,
     ) -> _Moves | None:
-        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven.
-
-        Joint moves leave ``spare`` (rad) for zones; without it, the moves have no zones.
-        """
-        lines = [None if line is None else line.cut(share or 1.0) for line, share in (leaving, entering)]
-        stages, paths = list[str](), list[JointPath]()
-        if leaving[0] is not None and lines[0] is not None:
-            stages, paths = [leaving[0].stage], [lines[0]]
-        if spare is not None:
-            part = next(p for p in self._parts.values() if p.name in FREE_MOTIONS)
-            first = here if lines[0] is None else lines[0].end
-            last = end if lines[1] is None else lines[1].end
-            points = self._joint_moves(stretch, part, first, last, spare)
-            if points is None:
-                return None
-            stages += ["transit" if part.name == "pick" else part.name] * (len(points) - 1)
-            paths += [JointPath(pair, self._arm.joint_names) for pair in pairwise(points)]
-        if entering[0] is not None and lines[1] is not None:
-            stages, paths = [*stages, entering[0].stage], [*paths, lines[1].reversed()]
-        # The largest zones that are proven, which leave what must be straight of the lines
-        most = {
-            line.stage: max(0.0, 1.0 - line.straight / (share or 1.0))
-            for line, share in (leaving, entering)
-            if line is not None
-        }
-        moves, blends = list[ControllerMove](), list[Blend | None]()
-        for k, path in enumerate(paths):
-            blend = zone = None
-            if k + 1 < len(paths):
-                allowed = [min(0.5, most.get(stage, 0.5)) for stage in stages[k : k + 2]]
-                proven = partial(self._proven, part, COVERED)
-                blend, zone = largest_zone(self._zones, self._arm, path, paths[k + 1], proven, allowed)
-            blends.append(blend)
-            moves.append(ControllerMove(path, None, zone))
-        moves = list(without_slow_zones(moves, self._arm.limits).moves)
-        blends = [blend if move.zone else None for blend, move in zip(blends, moves, strict=True)]
-        return _Moves(tuple(stages), tuple(blends), self._within_limits(stages, moves))
-
-    def _joint_moves(
-        self, stretch: Sequence[ProgramSegment], part: MotionPart, first: Array, last: Array, spare: float
-    ) -> Array | None:
-        """The points (k, n) of proven joint moves between two configurations, chosen along the motion."""
-        names = self._arm.joint_names
-
-        def proven(one: Array, other: Array) -> bool:
-            return self._proven(part, spare, JointPath(np.stack([one, other]), names), np.zeros(len(names)))
-
+        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven."""
+        part = next(own for own in self._parts.values() if own.name in FREE_MOTIONS)
+        stage = "transit" if part.name == "pick" else part.name
+        both = list(zip(lines, shares, strict=True))
+        # What remains of the lines, the shares of them that zones may use, and the ends of the joint moves
+        cut = [None if line is None else line.cut(share or 1.0) for line, share in both]
+        passed = [0.5 if line is None else 1.0 - line.straight / (share or 1.0) for line, share in both]
+        first, last = (end if line is None else line.end for end, line in zip(ends, cut, strict=True))
         motion = np.concatenate(
             [segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch]
         )
         begin, finish = (int(np.abs(motion - q).max(axis=1).argmin()) for q in (first, last))
         for count in SAMPLES:
             inner = np.unique(np.linspace(begin, max(finish, begin), count).round().astype(int))[1:-1]
-            found = fewest_moves(np.vstack([first, motion[inner], last]), self._arm.limits, proven)
+            points = np.vstack([first, motion[inner], last])
+            found = blended_moves(
+                with_corners(points, self._arm.limits) if count == SAMPLES[0] else points,
+                self._arm,
+                self._zones,
+                partial(self._proven, part),
+                lines=(cut[0], None if cut[1] is None else cut[1].reversed()),
+                passed=(min(0.5, max(0.0, passed[0])), min(0.5, max(0.0, passed[1]))),
+                compared=compared,
+            )
             if found is not None:
-                return found
+                around = [line is not None for line in lines]
+                stages = [stage] * (len(found.blends) - sum(around))
+                stages = (
+                    [line.stage for line in lines[:1] if line] + stages + [line.stage for line in lines[1:] if line]
+                )
+                return _Moves(tuple(stages), found.blends, self._within_limits(stages, found.motion.moves))
         return None
 
-    def _proven(self, part: MotionPart, more: float, path: JointPath, extent: Array) -> bool:
-        """Whether a free path is proven with an extent (n,) of each joint, the deviation and ``more`` (rad)."""
-        tolerance = extent + self._deviation + more
+    def _proven(self, part: MotionPart, path: JointPath, extent: Array) -> bool:
+        """Whether a free path is proven with an extent (n,) of each joint, the deviation and ``COVERED``."""
+        tolerance = extent + self._deviation + COVERED
         if not is_proven_free(path, part.checker, joint_tolerance=tolerance):
             return False
         return not (part.constraints or part.passing) or prove_part(part, path, tolerance).free

@@ -393,6 +393,8 @@ def certify_program(
     # Each part that the controller executes is certified with its own tolerance.
     for part in executed_parts(program, checker.arm, traces):
         certificate = certify(part.curve, checker, joint_tolerance=part.tolerance)
+        if part.blend and certificate.status is CertificateStatus.COLLIDING:  # another blend may pass
+            certificate = replace(certificate, status=CertificateStatus.UNDECIDED)
         parts.append(ProgramPart(part.name, part.line, part.blend, certificate))
     notes = dict.fromkeys([*_notes(program, checker.arm), *(note for part in parts for note in part.certificate.notes)])
     # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.

@@ -20,7 +20,6 @@ from pinproof.motion.dialects.dialect import (
     Heading,
     JointMove,
     LinearMove,
-    Move,
     SetLoad,
     Setting,
     Step,
@@ -93,11 +92,11 @@ class Krl(Dialect):
                     raise TrajectoryError(source, "$APO.CDIS may change only where the arm stops", where)
                 values[item.name] = item.value
                 continue
-            passing = item.blend is not None if isinstance(item, Move) else passing
-            if passing and isinstance(item, Move) and not values["distance"]:
-                raise TrajectoryError(source, "$APO.CDIS must be stated before a blend", where)
-            if isinstance(item, Move) and passing:
-                item = replace(item, blend=Blend(values["distance"], 0.5))
+            if isinstance(item, JointMove | LinearMove):
+                passing = item.blend is not None
+                if passing and not values["distance"]:
+                    raise TrajectoryError(source, "$APO.CDIS must be stated before a blend", where)
+                item = replace(item, blend=Blend(values["distance"], 0.5) if passing else None)
             if isinstance(item, JointMove):
                 item = replace(item, percent=int(values["percent"]) or None)
             elif isinstance(item, LinearMove):

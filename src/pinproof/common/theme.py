@@ -55,6 +55,9 @@ TONES = {
 }
 """The colour of the headline of a caption: the tones of motions and configurations, and the verdicts on picks."""
 
+CELLS = {"free": "#bfe3cf", "contact": "#e7b1b3", "limit": "#f3d9ad", "unreachable": COLOURS["line"]}
+"""The colours of the cells of a strip of tool rotations."""
+
 PHASES = {
     "transit": "#5b7aa8",
     "unwind": "#8a5ba8",

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 # What a cell of the strip states, by its code, with its colour in pages.
 CELLS: tuple[tuple[str, str], ...] = (
-    ("free", "#bfe3cf"),
-    ("every configuration is in contact", "#e7b1b3"),
-    ("only outside the joint limits", "#f3d9ad"),
-    ("out of reach", theme.COLOURS["line"]),
+    ("free", theme.CELLS["free"]),
+    ("every configuration is in contact", theme.CELLS["contact"]),
+    ("only outside the joint limits", theme.CELLS["limit"]),
+    ("out of reach", theme.CELLS["unreachable"]),
 )
 # Size of the picture in SVG units.
 WIDTH, HEIGHT = 720.0, 150.0

@@ -98,9 +98,34 @@ def test_a_printer_is_on_where_it_extrudes(tmp_path, text):
     ]  # fmt: skip
 
 
+def test_the_unit_of_a_stroke_is_that_of_gcode_that_states_none(tmp_path):
+    (stroke,) = strokes_of(tmp_path, "G0 X1\nG1 X2 F60", unit="in")
+    assert positions(stroke)[:, 0] == pytest.approx([0.0254, 0.0508])
+    assert stroke.path.speed == pytest.approx([0.0254])
+    for text, name in (("G21 G0 X1\nG1 X2 F60", "a.nc"), ("UNITS/MM\nGOTO/0,0,0,0,0,1\nGOTO/1,0,0,0,0,1", "a.apt")):
+        with pytest.raises(ToolPathError, match=r"line 1.*in mm, but unit is in"):
+            strokes_of(tmp_path, text, name=name, unit="in")
+
+
+@pytest.mark.parametrize("end", ["M2", "M30"])
+def test_lines_behind_the_end_of_a_program_have_no_effect(tmp_path, end):
+    (stroke,) = strokes_of(tmp_path, f"G0 X1\nG1 X2 F60 {end}\nG0 X5\nG1 X9\nno program")
+    assert positions(stroke)[:, 0] == pytest.approx([0.001, 0.002])
+
+
+def test_an_extruder_after_g91_is_read_only_if_all_controllers_read_it_alike(tmp_path):
+    (stroke,) = strokes_of(tmp_path, "G91 M83\nG1 X1 E1 F60\nX1 E1\nX1 E1")
+    assert (stroke.process, stroke.path.length) == (True, pytest.approx(0.003))
+    first, last = strokes_of(tmp_path, "G1 X1 E9 F60\nG91\nG1 E-2\nG1 E-2 Z1\nG1 X3")
+    assert (first.process, last.process) == (True, False)
+    with pytest.raises(ToolPathError, match=r"line 3.*M83"):
+        strokes_of(tmp_path, "G91\nG1 X1 E1 F60\nX1 E1")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("G1 X1\nG1 X2 F60", "no feed"),
         ("G1 X1\nG41 D1", "line 2.*G41"),
         ("G1 X1\n\nG83 X1 Z-2 R1", "line 3.*G83"),
         ("M6 T1", "line 1.*M6"),
@@ -166,6 +191,8 @@ def test_cl_data_states_axes_and_feeds(tmp_path):
         ("GOTO/0,0,nan", "line 1"),
         ("GOTO/0,0,0\nCIRCLE/0,0,0,0,0,1,5", "line 2.*CIRCLE.*GOTO"),
         ("GOTO/0,0,0\nGOTO/10,0,0", "no axis of the tool"),
+        ("GOTO/0,0,0,0,0,1\nGOTO/10,0,0,0,1,1\nGOTO/20,0,0", "axis of the tool at some positions"),
+        ("GOTO/0,0,0,0,0,1\nGOTO/9,0,0,0,0,1\nFEDRAT/9\nGOTO/20,0,0,0,0,1", "no feed"),
         ("GOTO/0,0,0,0,0,0\nGOTO/1,0,0,0,0,0", "length 0"),
         ("FEDRAT/MMPM", "FEDRAT|numbers"),
         ("RAPID", "no feed move"),

@@ -83,6 +83,8 @@ class StrokeSource(PathPoints):
             kind = self.contour or self.raster
             if kind is None or (self.contour and self.raster):
                 raise InputError(f"{self.file.name} is a mesh; state either contour or raster")
+            if self.normals is not None:
+                raise InputError(f"{self.file.name} is a mesh, which has its own normals; remove normals")
             found = [(path, True) for path in paths_on(self.file, kind, self.unit)]
             found = found if self.speed is None else [(replace(path, speed=self.speed), on) for path, on in found]
         else:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -207,12 +208,12 @@ class Contour:
         if self.inset:
             if np.ptp(surface.normals[inside], axis=0).max() > FLAT:
                 raise InputError("inset is for planar faces; this one is curved")
-            chains = [_inset(points, normals, self.inset) for points, normals in chains]
+            chains = [_inset(points, normals, self.inset, chains) for points, normals in chains]
         return chains
 
 
-def _inset(points: Array, normals: Array, inset: float) -> Chain:
-    """A closed line in a plane moved to its left by a distance."""
+def _inset(points: Array, normals: Array, inset: float, edges: list[Chain]) -> Chain:
+    """A closed line in a plane moved to its left by a distance, which it keeps from all edges of the face."""
     normal = normals[0] / np.linalg.norm(normals[0])
     steps = np.diff(points, axis=0)
     along = steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -226,6 +227,18 @@ def _inset(points: Array, normals: Array, inset: float) -> Chain:
     moved = np.concatenate([moved, moved[:1]])
     if (np.einsum("ki,ki->k", np.diff(moved, axis=0), along) <= 0.0).any():
         raise InputError(f"inset = {inset:g} m is too large for the shortest edges of the face")
+    # Points closer to each other than the inset, so that none is close to an edge only if the line crosses no edge
+    counts = np.ceil(np.linalg.norm(np.diff(moved, axis=0), axis=1) / abs(inset)).astype(int) + 1
+    samples = np.concatenate([np.linspace(*ends, count) for ends, count in zip(pairwise(moved), counts, strict=True)])
+    for line, _ in edges:
+        for a, b in pairwise(line):
+            share = ((samples - a) @ (b - a) / ((b - a) @ (b - a))).clip(0.0, 1.0)
+            apart = np.linalg.norm(samples - a - share[:, None] * (b - a), axis=1)
+            if apart.min() < (1.0 - 1e-6) * abs(inset):
+                raise InputError(
+                    f"inset = {inset:g} m is too large: the line comes closer to another edge of the face, "
+                    f"{apart.min():.4g} m at {np.round(samples[apart.argmin()], 4).tolist()}"
+                )
     return moved, normals
 
 

@@ -31,11 +31,11 @@ PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 
 WITHOUT_EFFECT = {
     "G": {40.0, 49.0, 54.0, 61.0, 64.0, 80.0, 94.0},
-    "M": {2.0, 30.0, 84.0, 104.0, 105.0, 106.0, 107.0, 109.0, 117.0, 140.0, 190.0},
+    "M": {84.0, 104.0, 105.0, 106.0, 107.0, 109.0, 117.0, 140.0, 190.0},
 }
-"""G and M words that cancel what is not supported, end the program, or set temperatures and fans."""
+"""G and M words that cancel what is not supported, or set temperatures and fans."""
 
-SUPPORTED = "G0 to G3, G17 to G21, G90, G91, G90.1, G91.1, G92 with E, M3 to M5, M82, M83"
+SUPPORTED = "G0 to G3, G17 to G21, G90, G91, G90.1, G91.1, G92 with E, M2 to M5, M30, M82, M83"
 
 # M: largest distance of the chords of an arc from it, and relative difference of the two radii of an arc.
 CHORD, ROUND = 2e-5, 2e-3
@@ -76,6 +76,12 @@ def paths_of(
         axes[0] = axes[0] or axes[1]
         if rapid or np.ptp(points, axis=0).max() == 0.0:
             continue
+        if None in speeds and any(speeds):
+            raise InputError(
+                "states no feed (F, FEDRAT) before the first moves of a path, only later; add it, or speed"
+            )
+        if None in axes and any(axes):
+            raise InputError("states the axis of the tool at some positions of a path only; state it at all of them")
         if normal is None and None in axes:
             raise InputError("states no axis of the tool; add the normal of the surface, such as 'normals: [0, 0, 1]'")
         normals: Any = normal if None in axes else axes
@@ -95,7 +101,9 @@ class _Machine:
 
     motion: int | None = None
     plane: int = 17
+    given: str | None = None
     unit: float = LENGTH_UNITS["mm"]
+    ended: bool = False
     absolute: bool = True
     absolute_arcs: bool = False
     absolute_extruder: bool = True
@@ -105,7 +113,9 @@ class _Machine:
     extruded: float = 0.0
 
     def line(self, line: str) -> FeedMove | None:
-        """Execute the words of a line, and return its move if it has one."""
+        """Execute the words of a line, and return its move if it has one; lines behind the end have no effect."""
+        if self.ended:
+            return None
         text = COMMENT.sub("", line).strip().upper().strip("%")
         if rest := WORD.sub("", text).strip():
             raise InputError(f"{rest[:40]!r} is not a word of G-code, such as X12.5")
@@ -118,8 +128,8 @@ class _Machine:
             elif letter == "G" and value in PLANES:
                 self.plane = int(value)
             elif letter == "G" and value in (20.0, 21.0):
-                scale = self.unit / (unit := LENGTH_UNITS["in" if value == 20.0 else "mm"])
-                self.unit, self.at = unit, self.at * scale
+                scale = self.unit / (unit := _unit("in" if value == 20.0 else "mm", self.given))
+                self.unit, self.at, self.extruded = unit, self.at * scale, self.extruded * scale
                 self.feed = None if self.feed is None else self.feed * scale
             elif letter == "G" and value in (90.0, 91.0):
                 self.absolute = value == 90.0
@@ -129,6 +139,8 @@ class _Machine:
                 self.absolute_extruder = value == 82.0
             elif letter == "M" and value in (3.0, 4.0, 5.0):
                 self.on = value < 5.0
+            elif letter == "M" and value in (2.0, 30.0):
+                self.ended = True
             elif letter == "G" and value == 92.0:
                 reset = True
             elif letter in "XYZIJKREF":
@@ -153,7 +165,12 @@ class _Machine:
         """The move to the position that a line states, None if it only moves the extruder."""
         process = self.on
         if (extruded := values.pop("E", None)) is not None:
-            more = extruded - self.extruded if self.absolute_extruder else extruded
+            relative = not (self.absolute and self.absolute_extruder)
+            more = extruded if relative else extruded - self.extruded
+            # Most controllers read E as the positions after G91, others as M82 and M83 state
+            unclear = relative and self.absolute_extruder and (extruded > self.extruded) != (extruded > 0.0)
+            if unclear and values.keys() & set("XYZIJKR"):
+                raise InputError(f"E{extruded:g} after G91 is relative for some controllers only; add M83 behind G91")
             self.extruded += more
             process = more > 0.0
         target = self.at.copy() if self.absolute else np.zeros(3)
@@ -217,7 +234,7 @@ class _Machine:
 
 def read_gcode(file: Path, source: PathPoints, name: str) -> list[tuple[ToolPath, bool]]:
     """The paths of a G-code file, with whether the process is on; by default, the tool points along -z."""
-    machine = _Machine()
+    machine = _Machine(given=source.unit, unit=LENGTH_UNITS[source.unit or "mm"])
     normal = np.array([0.0, 0.0, 1.0]) if source.normals is None else source.normals
     with errors_of(file, ToolPathError):
         lines = enumerate(read_text(file, ToolPathError).splitlines(), 1)
@@ -239,6 +256,7 @@ FEEDS = {"MMPM": (1e-3, 60.0), "IPM": (0.0254, 60.0), "MMPS": (1e-3, 1.0)}
 class _CutterLocation:
     """The state of a reader of CL data: metres per unit, speed (m/s), a rapid move ahead, and the process."""
 
+    given: str | None
     scale: float
     feed: float | None = None
     rapid: bool = True
@@ -249,7 +267,7 @@ class _CutterLocation:
         word, _, rest = line.partition("$$")[0].strip().upper().partition("/")
         word, given = word.strip(), [part.strip() for part in rest.split(",")]
         if word == "UNITS" and given[0] in ("MM", "INCHES"):
-            self.scale = LENGTH_UNITS["mm" if given[0] == "MM" else "in"]
+            self.scale = _unit("mm" if given[0] == "MM" else "in", self.given)
         elif word == "RAPID":
             self.rapid = True
         elif word == "SPINDL":
@@ -270,11 +288,18 @@ class _CutterLocation:
 
 def read_apt(file: Path, source: PathPoints, name: str) -> list[tuple[ToolPath, bool]]:
     """The paths of a CL file, with whether the process is on."""
-    reader = _CutterLocation(LENGTH_UNITS[source.unit or "mm"])
+    reader = _CutterLocation(source.unit, LENGTH_UNITS[source.unit or "mm"])
     with errors_of(file, ToolPathError):
         lines = enumerate(read_text(file, ToolPathError).splitlines(), 1)
         moves = [step("", f"line {number}", reader.line, line) for number, line in lines]
         return paths_of([move for move in moves if move is not None], source.normals, source.speed, name)
+
+
+def _unit(name: str, given: str | None) -> float:
+    """Metres of a unit that a file states; refused if it is not the given one."""
+    if given not in (None, name):
+        raise InputError(f"states lengths in {name}, but unit is {given}; remove unit")
+    return LENGTH_UNITS[name]
 
 
 def _numbers(texts: list[str], counts: tuple[int, ...]) -> list[float]:

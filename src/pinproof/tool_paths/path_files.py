@@ -28,6 +28,9 @@ COLUMNS = {
 }
 """The columns of a table of a path by key; each line is a pose."""
 
+UNITS = {"speed": "m/s", **dict.fromkeys(COLUMNS["rpy"], "rad")}
+"""The units of columns that are not lengths."""
+
 SUFFIXES = (*YAML_SUFFIXES, ".json")
 
 VECTORS = st.array_of(st.list_of(st.vector(), 1), (None, 3))
@@ -82,6 +85,8 @@ class PathPoints:
             metres, remark = LENGTH_UNITS["mm"], f"coordinates up to {far:.4g} are read as millimetres; state the unit"
         speed = self.speed if speed is None else speed
         if self.poses is not None:
+            if self.normals is not None:
+                raise InputError("states normals for poses, whose z axes are the axis of the tool; remove normals")
             scaled = [SE3(pose.rotation, metres * pose.translation) for pose in self.poses]
             path = ToolPath(scaled, speed, name, names)
         elif self.points is None:
@@ -143,6 +148,10 @@ def _columns(header: str) -> tuple[list[str], str]:
     if missing := [name for names in needed for name in names if name not in columns]:
         raise InputError(f"lacks the column {missing[0]}")
     units = {" ".join(cell[1:]) for cell in cells if cell[0] in COLUMNS["xyz"]}
+    for column, *own in cells:
+        if own and column not in COLUMNS["xyz"] and own != (unit := UNITS.get(column, "")).split():
+            what = f"is in {unit}" if unit else "has no unit"
+            raise InputError(f"states the column {column} in {' '.join(own)!r}, but it {what}; convert it")
     if len(units) > 1 or not units <= {"", *LENGTH_UNITS}:
         raise InputError(f"must state one unit for x, y and z, one of {', '.join(LENGTH_UNITS)}")
     if len(set(columns)) < len(columns) or {"roll", "qx"} <= set(columns):

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import pinproof as pp
 from pinproof.collision import Box, Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
+from pinproof.common import theme
 from pinproof.description.meshes import read_mesh
 from pinproof.errors import InputError, ViewerError
 from pinproof.model import load_robot
@@ -152,9 +153,18 @@ def test_coloured_points_are_drawn_where_they_are_with_their_legend():
     commands = Commands()
     points.draw(commands)
     assert commands.items[0]["object"]["object"]["type"] == "Points"
-    assert points.rgb[0] == pytest.approx([0.267, 0.005, 0.329], abs=1e-3)  # viridis' ends, as matplotlib lists them
-    assert points.rgb[1] == pytest.approx([0.993, 0.906, 0.144], abs=1e-3)
+    assert points.rgb[0] == pytest.approx(theme.rgb("#440154"), abs=1e-12)  # viridis' ends, in matplotlib's 8 bits
+    assert points.rgb[1] == pytest.approx(theme.rgb("#fde725"), abs=1e-12)
     assert [text for text, _ in points.legend] == ["share 0", "share 0.25", "share 0.5", "share 0.75", "share 1"]
+
+
+@pytest.mark.parametrize("name", sorted(theme.COLOUR_MAPS))
+def test_colour_maps_are_those_of_matplotlib(name):
+    from matplotlib import colormaps
+
+    values = np.linspace(0.0, 1.0, 301)
+    points = ColouredPoints.of_values(np.zeros((301, 3)), values, label="share", colours=name)
+    assert points.rgb == pytest.approx(colormaps[name](values)[:, :3], abs=0.025)
 
 
 def test_a_contact_without_a_normal_is_marked_without_an_arrow():

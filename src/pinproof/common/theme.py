@@ -102,6 +102,15 @@ AXES = ("#d62728", "#2ca02c", "#1f5fd0")
 GHOSTS = ("#1f78cc", "#e6731a", "#299447", "#b8388c", "#735cbf", "#bf9e1a", "#1a999e", "#c74038")
 """The colours of transparent copies of an arm, used cyclically."""
 
+COLOUR_MAPS = {
+    "viridis": (
+        "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c 1fa088 28ae80 3fbc73 5ec962 84d44b addc30 "
+        "d8e219 fde725"
+    ),
+    "RdBu": "67001f b1182b d6604d f3a481 fddbc7 f6f7f7 d1e5f0 90c4dd 4393c3 2065ab 053061",
+}
+"""Colours at even steps from the lowest value to the highest, those of the maps of these names in matplotlib (CC0)."""
+
 
 def css() -> str:
     """The variables of CSS with all colours and fonts."""

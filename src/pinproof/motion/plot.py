@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.structs import described, key
+from pinproof.common.validation import optional_module
 from pinproof.errors import InputError
 from pinproof.motion.curve import BezierCurve
 from pinproof.motion.limits import MotionLimits
@@ -75,11 +76,10 @@ def plot_trajectory(
     rate_limits: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
-    from matplotlib.figure import Figure
-
+    figures = optional_module("matplotlib.figure", "a plot", "plot")
     times, panels = panels_of(trajectory, limits, jerk=jerk, rate_limits=rate_limits)
     width, height = PANEL_SIZE
-    figure = Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
+    figure = figures.Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
     # A notebook shows a Figure made without pyplot as text only, unless it has this method.
     figure._repr_png_ = _Picture(figure)  # type: ignore[attr-defined]
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pinproof._core import EdgeChecker, RateLimits, StaggeredMove, StaggeredSearch
+from pinproof.common.validation import optional_module
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
@@ -136,16 +137,14 @@ class Steering:
     """
 
     def __init__(self, bounds: Bounds, share: float | Array = 1.0, *, moving: State | None = None) -> None:
-        from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization
-        from ruckig import Trajectory as Profiles
-
+        ruckig = optional_module("ruckig", "the optimisation of a motion")
         n = len(bounds.velocity)
-        self._ruckig, self._input, self._new, self._n = Ruckig(n), InputParameter(n), Profiles, n
-        self._good, self._error = (Result.Working, Result.Finished), RuckigError
+        self._ruckig, self._input, self._new, self._n = ruckig.Ruckig(n), ruckig.InputParameter(n), ruckig.Trajectory, n
+        self._good, self._error = (ruckig.Result.Working, ruckig.Result.Finished), ruckig.RuckigError
         self._smooth, self._moving = bounds.jerk is not None, moving
         self._modes = (
-            (ControlInterface.Velocity, Synchronization.No),
-            (ControlInterface.Position, Synchronization.Time),
+            (ruckig.ControlInterface.Velocity, ruckig.Synchronization.No),
+            (ruckig.ControlInterface.Position, ruckig.Synchronization.Time),
         )
         jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
         self._limits = {

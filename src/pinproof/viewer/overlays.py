@@ -302,19 +302,19 @@ class ColouredPoints:
         cls, xyz: npt.ArrayLike, values: npt.ArrayLike, *, label: str, low: float = 0.0, high: float = 1.0,
         colours: str = "viridis", size: float = 0.02,
     ) -> ColouredPoints:  # fmt: skip
-        """Points coloured by ``values`` (N,) between ``low`` and ``high`` with the matplotlib colormap ``colours``."""
-        from matplotlib import colormaps
-
-        colormap = colormaps[colours]
+        """Points coloured by ``values`` (N,) from ``low`` to ``high`` with the map ``colours``: "viridis" or "RdBu"."""
+        stops = np.array([theme.rgb(f"#{stop}") for stop in theme.COLOUR_MAPS[colours].split()])
         share = (finite("values", values, (None,)) - low) / (high - low)
-        # A legend of a few colours
         steps = np.linspace(0.0, 1.0, LEGEND_STEPS)
-        colours_at = [colormap(step) for step in steps]
+        even = np.linspace(0.0, 1.0, len(stops))
+        of_points, of_steps = (
+            np.stack([np.interp(at, even, channel) for channel in stops.T], axis=1) for at in (share, steps)
+        )
         legend = [
-            (f"{label} {low + (high - low) * step:.3g}", (red, green, blue))
-            for step, (red, green, blue, _) in zip(steps, colours_at, strict=True)
+            (f"{label} {low + (high - low) * step:.3g}", (float(r), float(g), float(b)))
+            for step, (r, g, b) in zip(steps, of_steps, strict=True)
         ]
-        return cls(np.asarray(xyz, dtype=float), colormap(share.clip(0.0, 1.0))[:, :3], size, tuple(legend))
+        return cls(np.asarray(xyz, dtype=float), of_points, size, tuple(legend))
 
     def draw(self, commands: Commands) -> None:
         """Add the points to the commands of a picture."""

@@ -15,7 +15,7 @@ from pinproof.common import structs as st
 from pinproof.common import theme
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Answer, Rows, Saved, Shown, View, Written
-from pinproof.common.validation import freeze_arrays
+from pinproof.common.validation import freeze_arrays, optional_module
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks import PickReport, Picks
@@ -260,12 +260,9 @@ class PlacementResult(Answer, Saved, Written):
 
     def _png(self) -> bytes:
         """The share of picks that pass the screening and the estimated cycle time, one row per choice."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
+        figures = optional_module("matplotlib.figure", "a PNG", "plot")
         grid, judged = self._whole_map(), [candidate.placement for candidate in self.candidates]
-        figure = Figure(figsize=(10.5, 4.2 * len(grid.choices) + 0.4), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = figures.Figure(figsize=(10.5, 4.2 * len(grid.choices) + 0.4), layout="constrained")
         panels = figure.subplots(len(grid.choices), 2, squeeze=False)
         # the edges of the cells; a single cell without extent is drawn 1 cm wide
         x, y = (

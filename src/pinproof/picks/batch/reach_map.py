@@ -18,7 +18,7 @@ from pinproof.collision import CollisionChecker
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Saved, View
 from pinproof.common.structs import described, key
-from pinproof.common.validation import Rng, freeze_arrays, require_integer, require_positive
+from pinproof.common.validation import Rng, freeze_arrays, optional_module, require_integer, require_positive
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
 from pinproof.model import Arm
@@ -418,9 +418,7 @@ def slices(
     across = [k for k in range(3) if k != through]
     if any(counts[k] < 2 for k in across):
         raise InputError("a PNG needs a region that extends along at least two axes")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    figures = optional_module("matplotlib.figure", "a PNG", "plot")
     # Evenly spaced slices, side by side
     grid = np.moveaxis(values.reshape(counts), through, 0)
     places = np.unique(np.linspace(0, counts[through] - 1, min(counts[through], MOST_SLICES)).round().astype(int))
@@ -428,8 +426,7 @@ def slices(
     tall = int(np.ceil(len(places) / wide))
     a, b = (region.axes[k] for k in across)
     # One panel for each slice, all with the same scale
-    picture = Figure(figsize=(3.4 * wide + 1.6, 3.2 * tall + 1.0), layout="constrained")
-    FigureCanvasAgg(picture)
+    picture = figures.Figure(figsize=(3.4 * wide + 1.6, 3.2 * tall + 1.0), layout="constrained")
     panels = picture.subplots(tall, wide, squeeze=False, sharex=True, sharey=True).ravel()
     half = [0.5 * (axis[1] - axis[0]) for axis in (a, b)]
     extent = (a[0] - half[0], a[-1] + half[0], b[0] - half[1], b[-1] + half[1])

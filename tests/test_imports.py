@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.machinery
 import os
 import shutil
 import subprocess
@@ -117,6 +118,23 @@ def test_changed_sources_are_an_error_with_the_command_that_compiles_them(checko
     problem = core_problem(core, sources)
     assert f"{sources.parents[1]}/scripts/build {sys.executable}" in problem
     assert "older" in problem
+
+
+@pytest.mark.parametrize("avx2", [True, False])
+def test_a_processor_without_avx2_loads_the_second_core_of_a_wheel(
+    avx2: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suffix = importlib.machinery.EXTENSION_SUFFIXES[0]
+    for folder in (tmp_path, tmp_path / "baseline"):
+        folder.mkdir(exist_ok=True)
+        (folder / f"_core{suffix}").touch()
+    monkeypatch.setattr(core_import, "__file__", str(tmp_path / "core_import.py"))
+    monkeypatch.setattr(core_import, "SOURCES", tmp_path / "no sources")
+    features = dict.fromkeys(("SSE2", "FMA3"), True) | {"AVX2": avx2}
+    monkeypatch.setattr("numpy._core._multiarray_umath.__cpu_features__", features)
+    found = core_import.CoreFinder.find_spec("pinproof._core", [str(tmp_path)], None)
+    assert found is not None
+    assert Path(str(found.origin)).parent == (tmp_path if avx2 else tmp_path / "baseline")
 
 
 def test_a_missing_core_is_an_error_with_the_remedy_of_a_checkout_or_a_wheel(

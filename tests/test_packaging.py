@@ -21,6 +21,7 @@ from importlib.metadata import Distribution, distribution
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 
 import pinproof as pp
@@ -145,7 +146,7 @@ else:
     import tomli as tomllib
 
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = ("dask", "sensor", "xacro")
+EXTRAS = ("dask", "plot", "sensor", "xacro")
 REQUIRED = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra])]
 
 
@@ -177,10 +178,14 @@ def index() -> None:
         pytest.skip("the package index is not reachable")
 
 
-@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13"])
-def test_all_requirements_have_wheels(python: str, index: None) -> None:
+SYSTEMS = ("x86_64-manylinux_2_28", "aarch64-manylinux_2_28", "aarch64-apple-darwin", "x86_64-apple-darwin")
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("python", ["3.10", "3.11", "3.12", "3.13", "3.14"])
+def test_all_requirements_have_wheels(python: str, system: str, index: None) -> None:
     assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
-    done = resolve(REQUIRED, "--python-version", python)
+    done = resolve(REQUIRED, "--python-version", python, "--python-platform", system)
     assert done.returncode == 0, done.stderr
     assert {"pin", "coal", "numpy", "distributed"} <= {line.partition("==")[0] for line in done.stdout.splitlines()}
 
@@ -189,6 +194,18 @@ def test_a_requirement_without_a_wheel_is_noticed(index: None) -> None:
     done = resolve(["pin==2.6.3"], "--python-version", "3.13")
     assert done.returncode != 0
     assert "no wheels" in done.stderr
+
+
+def test_workflows_run_scripts_that_exist_with_versions_of_python_that_are_stated() -> None:
+    folder = ROOT / ".github" / "workflows"
+    texts = {file.name: file.read_text(encoding="utf-8") for file in folder.glob("*.yml")}
+    assert set(texts) == {"release.yml", "tests.yml"}
+    for text in texts.values():
+        for job in yaml.safe_load(text)["jobs"].values():
+            assert {"runs-on", "steps"} <= set(job)
+        assert all((ROOT / script).is_file() for script in re.findall(r"\./(scripts/\w+)", text))
+    pythons = yaml.safe_load(texts["tests.yml"])["jobs"]["test"]["strategy"]["matrix"]["python"]
+    assert {f"Programming Language :: Python :: {python}" for python in pythons} <= set(PROJECT["classifiers"])
 
 
 def test_each_requirement_has_a_lowest_version() -> None:

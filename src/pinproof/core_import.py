@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 
-__all__ = ["CoreFinder", "core_problem", "install", "source_hash"]
+__all__ = ["CoreFinder", "core_problem", "install", "lacks_avx2", "source_hash"]
 
 CORE = "pinproof._core"
 SOURCES = Path(__file__).parents[1] / "core"
@@ -27,6 +28,9 @@ class CoreFinder:
         """The specification of the core; None for every other module."""
         if fullname != CORE:
             return None
+        baseline = Path(__file__).parent / "baseline"
+        if baseline.is_dir() and lacks_avx2():
+            path = [str(baseline)]
         others = (finder for finder in sys.meta_path if finder is not CoreFinder)
         found = next((spec for finder in others if (spec := finder.find_spec(fullname, path, target))), None)
         origin = None if found is None or found.origin is None else Path(found.origin)
@@ -35,6 +39,15 @@ class CoreFinder:
 
             raise CoreError(problem)
         return found
+
+
+def lacks_avx2() -> bool:
+    """Whether the processor is an x86-64 without AVX2, for which a wheel has another core in its folder baseline.
+
+    NumPy asks the processor itself; the list of the operating system is that of the host if the processor is emulated.
+    """
+    features = import_module("numpy._core._multiarray_umath").__cpu_features__
+    return bool(features.get("SSE2")) and not (features.get("AVX2") and features.get("FMA3"))
 
 
 def install() -> None:

@@ -24,9 +24,10 @@ void bind_reach(nanobind::module_& module);
 
 namespace {
 
-// This file is compiled for every x86-64 processor, the rest of the core for x86-64-v3. The instruction CPUID is read
-// directly, because not every compiler's library implements __builtin_cpu_supports.
-#if defined(__x86_64__)
+// This file is compiled for every x86-64 processor, the rest of the core for x86-64-v3, except in the second module of a
+// wheel (PINPROOF_BASELINE). The instruction CPUID is read directly, because not every compiler's library implements
+// __builtin_cpu_supports.
+#if defined(__x86_64__) && !defined(PINPROOF_BASELINE)
 bool has_x86_64_v3() {
     unsigned a = 0, b = 0, c = 0, d = 0;
     if (!__get_cpuid(1, &a, &b, &c, &d)) return false;
@@ -41,7 +42,7 @@ bool has_x86_64_v3() {
 #endif
 
 void require_processor() {
-#if defined(__x86_64__)
+#if defined(__x86_64__) && !defined(PINPROOF_BASELINE)
     if (!has_x86_64_v3())
         throw nanobind::import_error("pinproof needs a processor with AVX2, FMA and BMI2 (x86-64-v3: Intel since "
                                      "Haswell, AMD since Excavator)");

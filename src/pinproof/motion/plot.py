@@ -81,7 +81,7 @@ def plot_trajectory(
     width, height = PANEL_SIZE
     figure = figures.Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
     # A notebook shows a Figure made without pyplot as text only, unless it has this method.
-    figure._repr_png_ = _Picture(figure)  # type: ignore[attr-defined]
+    figure._repr_png_ = _Picture(figure)
     axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axis, panel in zip(axes, panels, strict=True):
         for label, column, *both in zip(panel.labels, panel.values.T, panel.lower, panel.upper, strict=True):

@@ -149,6 +149,7 @@ class IkSolver:
         seeds: Seeds,
         goal: Goal | None,
         count: int,
+        world: World | None,
         threads: int,
     ) -> tuple[Any, ...]: ...
 

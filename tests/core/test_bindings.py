@@ -362,7 +362,10 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a goal of fewer joints": lambda: goal(2).step(chain(), np.zeros(DOF)),
     "an unknown goal": lambda: _core.Goal("far", 0.5, np.zeros(1), np.ones(1)),
     "targets and starts of different numbers": lambda: solver().solve_batch(
-        np.tile(EYE, (3, 1, 1)), np.zeros((2, DOF)), seeds(), None, 4, 1
+        np.tile(EYE, (3, 1, 1)), np.zeros((2, DOF)), seeds(), None, 4, None, 1
+    ),
+    "a batch in a world of fewer joints": lambda: solver().solve_batch(
+        EYE[None], np.zeros((1, DOF)), seeds(), None, 4, world(), 1
     ),
     "a target with NaN": lambda: _core.Search(solver(), seeds(), None, np.full((4, 4), NAN), np.zeros(DOF)),
     "a start of a search that is too short": lambda: _core.Search(solver(), seeds(), None, EYE, np.zeros(1)),

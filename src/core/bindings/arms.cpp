@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "bindings/structs.h"
+#include "collision/world.h"
 #include "geometry/rotations.h"
 #include "geometry/sincos.h"
 #include "ik/box_descent.h"
@@ -183,18 +184,21 @@ class OwningSearch {
 };
 
 nb::tuple solve_batch_of(const IkSolver& solver, const Stack& targets, const Matrix& q0, const Seeds& seeds,
-                         const std::optional<Goal>& goal, long long count, std::size_t threads) {
+                         const std::optional<Goal>& goal, long long count, const std::shared_ptr<World>& world,
+                         std::size_t threads) {
     const std::size_t n = solver.chain.dof, rows = targets.shape(0);
     require_size("a seed", seeds.dof(), n);
+    if (world) require_size("a configuration of the world", world->space().tree.dof, n);
     const double* poses = shaped("targets", targets, {kAny, 4, 4}).data();
     const double* starts = shaped("q0", q0, {rows, n}).data();
     const Goal wanted = goal_for(goal, n);
     BatchResults out;
     const auto arrays = nb::make_tuple(filled({rows, n}, out.q), filled({rows}, out.position_error),
                                        filled({rows}, out.orientation_error), filled({rows}, out.fulfils),
-                                       filled({rows}, out.iterations), filled({rows}, out.attempts));
+                                       filled({rows}, out.iterations), filled({rows}, out.attempts),
+                                       filled({rows}, out.refusals));
     nb::gil_scoped_release release;
-    solve_batch(solver, seeds, wanted, poses, starts, rows, count, threads, out);
+    solve_batch(solver, seeds, wanted, poses, starts, rows, count, world, threads, out);
     return arrays;
 }
 
@@ -317,8 +321,10 @@ void bind_methods(nb::module_& module) {
                  return IkSolver{chain, ranges, task, rule, max_iterations, max_step, {progress, patience}};
              }), "chain"_a, "ranges"_a, nb::kw_only(), "task"_a, "rule"_a, "max_iterations"_a, "max_step"_a,
              "progress"_a, "patience"_a)
-        .def("solve_batch", &solve_batch_of, "targets"_a, "q0"_a, "seeds"_a, "goal"_a.none(), "count"_a, "threads"_a,
-             "q, position and orientation errors, whether each fulfils the task, iterations and attempts.");
+        .def("solve_batch", &solve_batch_of, "targets"_a, "q0"_a, "seeds"_a, "goal"_a.none(), "count"_a,
+             "world"_a.none(), "threads"_a,
+             "q, position and orientation errors, whether each fulfils the task (without contact in the world, if one "
+             "is given), iterations, attempts, and solutions in contact.");
     constants(solver, "SATURATION", IkSolver::kSaturation, "SMALLEST_STEP", IkSolver::kSmallestStep, "GOAL_CONVERGED",
               IkSolver::kGoalConverged, "GOAL_STEPS", Progress::kGoalSteps);
 

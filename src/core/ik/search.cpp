@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
+#include "collision/near.h"
 #include "geometry/rotations.h"
 
 namespace pinproof {
@@ -188,8 +190,7 @@ SearchEngine::SearchEngine(const IkSolver& solver) {
         descents_.emplace<Descent>(solver);
 }
 
-const Candidate& SearchEngine::next(Search& search, long long count, bool polish) {
-    search.look_for_next(count, polish);
+const Candidate& SearchEngine::make_attempts(Search& search) {
     while (search.prepare()) {
         if (ClikLanes* lanes = std::get_if<ClikLanes>(&descents_)) {
             lanes->start(0, search.target_from_base(), search.goal(), search.stall(), search.q());
@@ -203,13 +204,14 @@ const Candidate& SearchEngine::next(Search& search, long long count, bool polish
     return search.conclude();
 }
 
-template <class Begin, class Done>
-void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done) {
+template <class Begin, class Proceed>
+void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, Begin begin, Proceed proceed) {
     ClikLanes* lanes = std::get_if<ClikLanes>(&descents_);
     if (!lanes) {
         for (std::size_t row; rows.take(row);) {
             begin(searches[0], row);
-            done(next(searches[0], count, true), row);
+            while (proceed(searches[0], make_attempts(searches[0]), row)) {
+            }
         }
         return;
     }
@@ -218,16 +220,13 @@ void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, long lo
     const auto take_row = [&](int lane) {
         if (!rows.take(row_of[lane])) return false;
         begin(searches[lane], row_of[lane]);
-        searches[lane].look_for_next(count, true);
         return true;
     };
     // Start the next attempt in a lane, if necessary for the next row; returns whether there is one.
     const auto start_attempt = [&](int lane) {
         Search& search = searches[lane];
-        while (!search.prepare()) {
-            done(search.conclude(), row_of[lane]);
-            if (!take_row(lane)) return false;
-        }
+        while (!search.prepare())
+            if (!proceed(search, search.conclude(), row_of[lane]) && !take_row(lane)) return false;
         lanes->start(lane, search.target_from_base(), search.goal(), search.stall(), search.q());
         return true;
     };
@@ -244,22 +243,41 @@ void SearchEngine::solve_rows(std::vector<Search>& searches, Rows& rows, long lo
 }
 
 void solve_batch(const IkSolver& solver, const Seeds& seeds, const Goal& goal, const double* targets, const double* q0,
-                 std::size_t rows, long long count, std::size_t threads, const BatchResults& out) {
+                 std::size_t rows, long long count, const std::shared_ptr<const World>& world, std::size_t threads,
+                 const BatchResults& out) {
     const std::size_t n = solver.chain.dof;
     const auto begin = [&](Search& search, std::size_t row) {
+        out.refusals[row] = 0;
         search.begin(read_transform(targets + 16 * row), q0 + n * row);
+        search.look_for_next(count, true);
     };
-    const auto done = [&](const Candidate& found, std::size_t row) {
-        std::copy(found.q.begin(), found.q.end(), out.q + n * row);
-        out.position_error[row] = found.error.position;
-        out.orientation_error[row] = found.error.orientation;
-        out.fulfils[row] = found.fulfils;
+    const auto record = [&](const Candidate& found, bool is_free, std::size_t row) {
+        const bool accepted = found.fulfils && is_free;
+        // If no solution is accepted, the result is the first that was refused, otherwise the last candidate.
+        if (accepted || out.refusals[row] == 0) {
+            std::copy(found.q.begin(), found.q.end(), out.q + n * row);
+            out.position_error[row] = found.error.position;
+            out.orientation_error[row] = found.error.orientation;
+        }
+        out.fulfils[row] = accepted;
         out.iterations[row] = found.iterations;
         out.attempts[row] = found.attempts;
+        out.refusals[row] += found.fulfils && !is_free;
     };
     share_rows(rows, threads, [&] {
-        return [&, engine = SearchEngine(solver), searches = std::vector<Search>(kLanes, Search(solver, seeds, goal))](
-                   Rows& all) mutable { engine.solve_rows(searches, all, count, begin, done); };
+        std::optional<Workspace> bodies;
+        if (world) bodies.emplace(world);
+        return [&, engine = SearchEngine(solver), searches = std::vector<Search>(kLanes, Search(solver, seeds, goal)),
+                bodies = std::move(bodies)](Rows& all) mutable {
+            engine.solve_rows(searches, all, begin, [&](Search& search, const Candidate& found, std::size_t row) {
+                const bool is_free =
+                    !bodies || !found.fulfils || (bodies->place_at(found.q.data()) && !bodies->any_contact());
+                record(found, is_free, row);
+                if (out.fulfils[row] || found.attempts >= count) return false;
+                search.look_for_next(count, out.refusals[row] == 0);
+                return true;
+            });
+        };
     });
 }
 

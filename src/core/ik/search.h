@@ -9,6 +9,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <variant>
 #include <vector>
@@ -18,6 +19,8 @@
 #include "ik/descent.h"
 
 namespace pinproof {
+
+struct World;
 
 // A low-discrepancy set of configurations within the limits, with their poses.
 class Seeds {
@@ -117,14 +120,20 @@ class SearchEngine {
     explicit SearchEngine(const IkSolver& solver);
 
     // The next solution of a search, see Search::look_for_next.
-    const Candidate& next(Search& search, long long count, bool polish);
+    const Candidate& next(Search& search, long long count, bool polish) {
+        search.look_for_next(count, polish);
+        return make_attempts(search);
+    }
 
-    // Take rows until there are no more: `begin(search, row)` begins the search of a row, and `done(candidate, row)`
-    // receives its result. `searches` has one search for each lane.
-    template <class Begin, class Done>
-    void solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done);
+    // Take rows until there are no more. `begin(search, row)` begins the search of a row and looks for its first
+    // solution; `proceed(search, candidate, row)` receives each result and looks for another one, or returns false.
+    // `searches` has one search for each lane.
+    template <class Begin, class Proceed>
+    void solve_rows(std::vector<Search>& searches, Rows& rows, Begin begin, Proceed proceed);
 
   private:
+    const Candidate& make_attempts(Search& search);
+
     std::variant<std::monostate, ClikLanes, Descent> descents_;  // ClikLanes for Clik, Descent for the other methods
 };
 
@@ -132,13 +141,16 @@ class SearchEngine {
 struct BatchResults {
     double* q;                                   // (N, n)
     double *position_error, *orientation_error;  // (N,) in m and rad
-    bool* fulfils;                               // (N,)
+    bool* fulfils;                               // (N,) the task, and free of contact if that was required
     std::int64_t *iterations, *attempts;         // (N,)
+    std::int64_t* refusals;                      // (N,) solutions in contact
 };
 
-// Solve for `rows` targets, homogeneous matrices (N, 4, 4), from q0 (N, n). A result depends neither on the number of
-// threads nor on the other targets.
+// Solve for `rows` targets, homogeneous matrices (N, 4, 4), from q0 (N, n). With a world, which must have as many joint
+// values, the search of a row continues until a solution is free of contact in it; if none is, the first solution is
+// the result. A result depends neither on the number of threads nor on the other targets.
 void solve_batch(const IkSolver& solver, const Seeds& seeds, const Goal& goal, const double* targets, const double* q0,
-                 std::size_t rows, long long count, std::size_t threads, const BatchResults& out);
+                 std::size_t rows, long long count, const std::shared_ptr<const World>& world, std::size_t threads,
+                 const BatchResults& out);
 
 }  // namespace pinproof

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import IkSolver
+from pinproof._core import IkSolver, World
 from pinproof._core import Search as CompiledSearch
 from pinproof.common.structs import key, struct
 from pinproof.common.validation import Rng, require_integer, require_type
@@ -38,6 +38,7 @@ from pinproof.ik.result import (
     joint_ranges,
     not_found,
     plural,
+    refused,
 )
 from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task
 from pinproof.model import Arm
@@ -167,7 +168,7 @@ class IterativeIk(ABC):
     ) -> IkBatch:
         """:meth:`solve` for N targets.
 
-        The other parameters are those of :meth:`solve`.
+        The other parameters are those of :meth:`solve`. ``accept=checker.is_free`` is evaluated in the compiled core.
 
         Parameters
         ----------
@@ -195,27 +196,34 @@ class IterativeIk(ABC):
         called_back = isinstance(null_space, CostGoal) and self.engine != "compiled"
         solver = None if called_back else self._compiled(arm, resolved, None)
         # one target after the other, where Python is called back
-        if accept is not None or solver is None:
+        world = _world(accept, arm)
+        if solver is None or (accept is not None and world is None):
 
             def one(index: int) -> IkResult:
                 search, engine = self._search(arm, many[index], starts[index], rng, resolved, goal, None)
                 return self._solve(arm, search, engine, accept, resolved)
 
+            name = "pinocchio" if solver is None else "compiled"
+            if threads == 1:
+                return IkBatch.of([one(index) for index in range(len(many))], arm, name)
             with ThreadPoolExecutor(threads) as pool:
-                name = "pinocchio" if solver is None else "compiled"
                 return IkBatch.of(list(pool.map(one, range(len(many)))), arm, name)
 
         # all targets at once in the compiled core, which does not call back
         self.check(arm, resolved, goal)
         seeds = seeds_of(arm, rng).compiled
         compiled = None if null_space is None else null_space.compiled
-        q, position, orientation, ok, iterations, attempts = solver.solve_batch(
-            many, starts, seeds, compiled, self.restarts + 1, threads
+        q, position, orientation, ok, iterations, attempts, refusals = solver.solve_batch(
+            many, starts, seeds, compiled, self.restarts + 1, world, threads
         )
-        codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
-        return IkBatch(
-            q, codes, position, orientation, iterations, attempts - 1, "compiled", arm, counted=resolved.counted
-        )
+        failed = np.where(refusals > 0, STATUSES.index(IkStatus.REFUSED), STATUSES.index(IkStatus.NOT_FOUND))
+        codes = np.where(ok, STATUSES.index(IkStatus.FOUND), failed).astype(np.int8)
+        counts = zip(ok.tolist(), refusals.tolist(), attempts.tolist(), strict=True)
+        words = None
+        if (~ok & (refusals > 0)).any():
+            words = tuple(None if found or not count else refused(count, tried) for found, count, tried in counts)
+        restarts, counted = attempts - 1, resolved.counted
+        return IkBatch(q, codes, position, orientation, iterations, restarts, "compiled", arm, words, counted)
 
     def solve_many(
         self,
@@ -345,11 +353,7 @@ class IterativeIk(ABC):
                 errors = found.position_error, found.orientation_error
                 message = not_found(arm, task.counted, found.q, errors, found.iterations, found.attempts)
                 return result(IkStatus.NOT_FOUND, found, message)
-            words = (
-                f"rejected: accept returned False for all {plural(refusals, 'solution')} of "
-                f"{plural(found.attempts, 'attempt')}; check why it rejects q (for example a collision), increase "
-                "restarts, or move the target"
-            )
+            words = refused(refusals, found.attempts)
             iterations, restarts = found.iterations, found.attempts - 1
             return replace(first, status=IkStatus.REFUSED, iterations=iterations, restarts=restarts, words=words)
 
@@ -363,6 +367,12 @@ _SOLVERS: WeakKeyDictionary[Arm, dict[tuple[IterativeIk, Task], IkSolver]] = Wea
 def _accepts(accept: Accept | None, q: Array) -> bool:
     """Whether ``accept`` returns True for a copy of the solution, or is not given."""
     return accept is None or bool(accept(q.copy()))
+
+
+def _world(accept: Accept | None, arm: Arm) -> World | None:
+    """The world in which the core decides the same as ``accept``, if that is the method of a collision checker."""
+    world_for = getattr(getattr(accept, "__self__", None), "world_for", None)
+    return None if world_for is None else world_for(accept, arm)
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:

@@ -91,6 +91,14 @@ class IkAnswer(Answer):
     failure = IkFailed
 
 
+def refused(refusals: int, attempts: int) -> str:
+    """The message if ``accept`` rejected every solution."""
+    return (
+        f"rejected: accept returned False for all {plural(refusals, 'solution')} of {plural(attempts, 'attempt')}; "
+        "check why it rejects q (for example a collision), increase restarts, or move the target"
+    )
+
+
 def not_found(
     arm: Arm, counts: Counted, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int
 ) -> str:
@@ -233,7 +241,9 @@ class IkBatch(Shown):
     restarts: npt.NDArray[np.int64] = key("(N,) attempts after the first")
     engine: str = key("as in :class:`IkResult`")
     arm: Arm = key("the arm, which provides the joint names of :attr:`messages`")
-    words: tuple[str, ...] | None = key("N messages; by default they are composed from the other fields", default=None)
+    words: tuple[str | None, ...] | None = key(
+        "N messages; those that are None, and by default all, are composed from the other fields", default=None
+    )
     counted: Counted = key(
         "whether the task selects any coordinates of the position, and of the orientation", default=(True, True)
     )

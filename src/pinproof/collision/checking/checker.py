@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MethodType
 from typing import Any
 
 import numpy as np
@@ -251,6 +252,15 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         if self._fixed.touching:
             return np.zeros(len(many), dtype=bool)
         return self._batch(lambda part: self._workspace.judge_many(part), many, threads) == FREE
+
+    def world_for(self, accept: object, arm: JointGroup) -> World | None:
+        """Return the world in which the core decides the same as ``accept`` for an arm, or None.
+
+        That is possible if ``accept`` is :meth:`is_free` of this checker, the arm has the joints of its group, and no
+        pair that no joint moves is in contact.
+        """
+        own = accept == MethodType(CollisionChecker.is_free, self) and arm.joint_names == self.group.joint_names
+        return self.world if own and not self._fixed.touching else None
 
     def edges_free(self, A: npt.ArrayLike, B: npt.ArrayLike, *, threads: int = 0) -> npt.NDArray[np.bool_]:
         """Return (N,) whether the straight edges from the rows of A to those of B are proven free, without the GIL.

@@ -77,6 +77,19 @@ def test_share_is_right_where_points_of_a_patch_need_no_friction(arm) -> None:
         assert low * (1 - 1e-6) <= share <= high * (1 + 1e-3)
 
 
+def test_share_is_tight_where_a_grip_hardly_resists_the_opposite_load(arm) -> None:
+    """The friction cones of inclined pads almost miss each other: what a displaced load may change was 1 %."""
+    tilt = 0.9997 * np.arctan(MU)
+    normals = [np.array([side * np.cos(tilt), 0.0, np.sin(tilt)]) for side in (1.0, -1.0)]
+    pads = [square((0, 0, 0.1) - 0.02 * normal, normal).reshape(30, 30, 3)[::14, ::14] for normal in normals]
+    contacts = [ContactPatch(pad.reshape(-1, 3), n, FORCE, MU) for pad, n in zip(pads, normals, strict=True)]
+    limits = HoldLimits(arm, pp.Payload(1.0), contacts)
+    for load in about((0, 0, 0.1), (0.1, -0.1, 0.6, 0, 0.002, 0), (-0.1, 0.05, 0.8, 0.001, 0, 0.002)):
+        (share,) = limits.shares([load])
+        low, high = (share_by_pyramids(contacts, load, inside=inside) for inside in (False, True))
+        assert low * (1 - 1e-6) <= share <= high * (1 + 1e-3)
+
+
 def test_limits_of_two_fingers_are_those_of_coulomb(arm) -> None:
     limits = HoldLimits(arm, pp.Payload(1.0), two_fingers())
     across_pads, along, torsion, couple = about(

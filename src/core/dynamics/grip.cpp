@@ -25,6 +25,9 @@ constexpr double kAcross = 1e-16;
 // By this share of its bound by the axes a wrench is displaced, because a basis is degenerate for wrenches in a plane of
 // symmetry. What a displacement may change is added to the bound.
 constexpr double kDisplaced = 1e-7;
+// Where the axes bound the share by much more than it is, what the displacement may change is not small beside the share.
+// It is then found again with this displacement, from the basis of the first.
+constexpr double kDisplacedLess = 1e-11;
 constexpr double kRounded = 1e-5;  // share above which the basis is not used again
 constexpr Wrench kIrregular = {0.61, -0.87, 0.43, -0.53, 0.97, 0.71};
 
@@ -87,7 +90,7 @@ Grip::Grip(const std::vector<GripContact>& contacts) {
             unit[k] = side == 0 ? 1.0 : -1.0;
             Wrench displaced = unit;
             for (std::size_t i = 0; i < 6; ++i) displaced[i] += 1e-3 * kDisplaced * kIrregular[i];
-            share(displaced);
+            share.solve(displaced, kDisplaced);
             found[k][side] = dot(share.cost_, share.shares_);
             most = std::max(most, found[k][side]);
             double error = 0.0;
@@ -168,12 +171,17 @@ double Grip::share_of_error(const Wrench& error) const {
 }
 
 double ShareOfGrip::operator()(const Wrench& wrench) {
+    const double share = solve(wrench, kDisplaced);
+    return error_ > kShareTolerance * share ? std::min(solve(wrench, kDisplacedLess), share) : share;
+}
+
+double ShareOfGrip::solve(const Wrench& wrench, double displaced) {
     // The wrench is displaced a little, see kDisplaced
     double bound = 0.0;
     for (std::size_t k = 0; k < 6; ++k) bound += std::abs(wrench[k]) * axis(k, wrench[k]);
-    if (bound == 0.0) return 0.0;
+    if (bound == 0.0) return error_ = 0.0;
     Wrench w = wrench;
-    for (std::size_t k = 0; k < 6; ++k) w[k] += kDisplaced * bound * kIrregular[k] / axis(k, kIrregular[k]);
+    for (std::size_t k = 0; k < 6; ++k) w[k] += displaced * bound * kIrregular[k] / axis(k, kIrregular[k]);
     // The basis of the last wrench, or that of the axes. A column of which a negative share would be needed is reversed;
     // the axes bound what that costs
     for (std::size_t i = 0; i < 6; ++i) {
@@ -219,9 +227,9 @@ double ShareOfGrip::operator()(const Wrench& wrench) {
     for (std::size_t j = 0; j < 6; ++j)
         for (std::size_t k = 0; k < 6; ++k) rest[k] -= shares_[j] * columns_[j][k];
     for (double& each : rest) each = std::abs(each);
-    const double error = axes_ * grip_.share_of_error(rest);
-    started_ = error < kRounded * bound;
-    return dot(cost_, shares_) + error;
+    error_ = axes_ * grip_.share_of_error(rest);
+    started_ = error_ < kRounded * bound;
+    return dot(cost_, shares_) + error_;
 }
 
 double ShareOfGrip::reach(const Wrench& g, const Wrench& d, double kept) {

@@ -94,6 +94,9 @@ class ShareOfGrip {
 
   private:
     friend class Grip;
+    // The bound by the basis of a wrench that is displaced by this share of its bound by the axes.
+    double solve(const Wrench& wrench, double displaced);
+
     double axis(std::size_t k, double value) const { return axes_ * grip_.axis_share(k, value < 0.0); }
 
     const Grip& grip_;
@@ -102,6 +105,7 @@ class ShareOfGrip {
     bool started_ = false;
     std::array<Wrench, 6> columns_{}, inverse_{};  // of the basis
     Wrench cost_{}, shares_{};
+    double error_ = 0.0;  // part of the last bound, for what the basis does not represent
 };
 
 // Chords of the section of W that limits s'' and s'^2 at a point of a path, and the share at rest; the wrench of the motion

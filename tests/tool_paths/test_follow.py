@@ -264,6 +264,7 @@ def test_the_same_seed_gives_the_same_motion(free):
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
+        ({"deviation": 0.5}, "deviation .*millimetres|deviation .*mm"), ({"rotation_deviation": 2.0}, "degrees"),
         ({"deviation": 1e-6}, "deviation"), ({"rotations": 0}, "rotations"), ({"cost": "cheap"}, "balanced"),
         ({"free_rotation": (1.0, -1.0)}, "range"), ({"approach": -0.1}, "approach"), ({"step": 0.0}, "step"),
         ({"speed_tolerance": 2.0}, "speed_tolerance"), ({"lifts": -1}, "lifts"), ({"start": [0.0]}, "start"),

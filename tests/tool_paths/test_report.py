@@ -245,6 +245,16 @@ def test_a_program_that_leaves_the_deviation_or_the_arm_is_refused(checker):
     assert not made.ok
     with pytest.raises(pp.errors.NoAnswer):
         made.or_raise()
+    # A program that states less than the tolerated speed
+    quick = replace(found, job=replace(found.job, speed_tolerance=0.01))
+    steady = quick.export_program("rapid")
+    assert steady.ok
+    own = found.strokes[0]
+    faster = replace(own.plan.path, speed=4.0)
+    hurried = replace(quick, strokes=(replace(own, plan=replace(own.plan, path=faster)),)).export_program("rapid")
+    assert hurried.certificate.free
+    assert hurried.speed_share < 0.99
+    assert not hurried.ok
     with pytest.raises(pp.errors.InputError, match="7"):
         pp.tool_paths.require_language(arm_of("panda"), "rapid")
 

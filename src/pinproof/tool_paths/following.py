@@ -32,6 +32,8 @@ JUMP, JUMP_METRES = 0.5, 0.1
 GRID_STEP = 1.2
 # The least share of the tool speed to which the tool may slow down from rung to rung, if no tolerance is stated.
 SLOWEST = 0.1
+# M: a larger allowed deviation is in millimetres.
+MOST_DEVIATION = 0.1
 # Share by which the tool may be slower without a sentence about it, if no tolerance is stated.
 TOLERANCE = 0.1
 # The names of the parts of a motion.
@@ -130,8 +132,10 @@ def follow(
         ("budget", budget, 0),
     ):  # fmt: skip
         require_integer(name, value, least)
-    for name, length in (("rotation_deviation", rotation_deviation), ("step", step), ("angle_step", angle_step)):
+    for name, length in (("step", step), ("angle_step", angle_step)):
         require_positive(name, length)
+    require_number("deviation", deviation, "m", above=0, below=MOST_DEVIATION)
+    require_number("rotation_deviation", rotation_deviation, "rad", above=0, below=0.5 * math.pi)
     approach = require_number("approach", approach, "m", minimum=0)
     departure = approach if departure is None else require_number("departure", departure, "m", minimum=0)
     if speed_tolerance is not None:

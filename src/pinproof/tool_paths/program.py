@@ -75,17 +75,19 @@ class ToolPathProgram(Answer):
     deviation: float = key("bound of the distance of the tool from the paths by the text", "m")
     rotation_deviation: float = key("bound of the angle of the tool to the paths by the text", "rad")
     speed_share: float = key("the least share of the stated speed that the text states on the paths")
+    least_share: float = key("the least share that is allowed; 0 if none is stated")
     stops: int = key("number of poses on the paths at which the tool stops, because no zone is small enough")
 
     @property
     def ok(self) -> bool:
-        """Whether the program is proven free of contact, and keeps to the allowed deviation."""
+        """Whether the program is proven free of contact, and keeps to the allowed deviation and speed."""
         return self.certificate.free and self.within
 
     @property
     def within(self) -> bool:
-        """Whether the program keeps to the allowed deviation."""
-        return self.deviation <= self.allowed[0] and self.rotation_deviation <= self.allowed[1]
+        """Whether the program keeps to the allowed deviation and speed; it may stop at corners."""
+        figures = (self.deviation, self.rotation_deviation, self.least_share)
+        return all(own <= limit for own, limit in zip(figures, (*self.allowed, self.speed_share), strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as plain values for JSON."""
@@ -99,9 +101,11 @@ class ToolPathProgram(Answer):
         figures = (
             f"within {self.deviation * 1e3:.3f} mm and {math.degrees(self.rotation_deviation):.2f} deg of the paths"
         )
-        if not self.within:
+        if self.deviation > self.allowed[0] or self.rotation_deviation > self.allowed[1]:
             figures += f", but {self.allowed[0] * 1e3:g} mm and {math.degrees(self.allowed[1]):.2f} deg are allowed"
         slow = f", at {100.0 * self.speed_share:.0f} % of the speed at least" if self.speed_share < 0.999 else ""
+        if self.speed_share < self.least_share:
+            slow += f", but {100.0 * self.least_share:.0f} % are required"
         stops = f", with {self.stops} stop{'s' if self.stops > 1 else ''} on the paths" if self.stops else ""
         return f"{self.certificate.message}; {len(self.program.moves)} moves, {figures}{slow}{stops}"
 
@@ -137,6 +141,7 @@ def export_motions(
     name: str = "paths",
     deviation: float | None = None,
     allowed: tuple[float, float] = (1e-3, math.radians(1.0)),
+    least_share: float = 0.0,
     free: bool = True,
     tool: ToolData | None = None,
 ) -> ToolPathProgram:
@@ -158,6 +163,8 @@ def export_motions(
         rad: the deviation of each joint from the moves; by default that of the language.
     allowed
         The allowed deviation (m) and angle (rad) from the paths.
+    least_share
+        The least allowed share of the speed of the paths, apart from stops.
     free
         Whether the rotation of the tool about its axis is free, so that the angle is that of the axis.
     tool
@@ -212,7 +219,7 @@ def export_motions(
     return ToolPathProgram(
         program, certificate, allowed, apart + max((each.deviation for each in lines), default=0.0),
         2.0 * turned + max((each.rotation_deviation for each in lines), default=0.0),
-        min((each.share for each in lines), default=1.0) * min(written),
+        min((each.share for each in lines), default=1.0) * min(written), least_share,
         sum(each.stops for each in lines),
     )  # fmt: skip
 

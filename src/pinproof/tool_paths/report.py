@@ -149,8 +149,9 @@ class FollowReport(Saved):
         return export_motions(
             self.checker, motions, dialect, output=settings.program.output if output is None else output,
             name=name or (job.source.stem if job.source else "paths"), deviation=deviation,
-            allowed=(job.deviation, job.rotation_deviation), free=job.free_rotation is not False,
-            tool=controller_tool(self.checker.arm, settings),
+            allowed=(job.deviation, job.rotation_deviation),
+            least_share=0.0 if job.speed_tolerance is None else 1.0 - job.speed_tolerance,
+            free=job.free_rotation is not False, tool=controller_tool(self.checker.arm, settings),
         )  # fmt: skip
 
     def _write_page(self, path: str | Path) -> None:

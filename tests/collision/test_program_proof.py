@@ -183,6 +183,18 @@ def test_blends_that_may_overlap_are_not_free() -> None:
     assert too_large.overlaps == (program(1.1 * half).moves[2].line,)
 
 
+@pytest.mark.parametrize("forwards", [True, False])
+def test_a_radius_that_reaches_a_stop_at_the_other_end_of_a_move_is_not_free(forwards: bool) -> None:
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm)
+    short, long = BENT + 0.1 * np.eye(6)[0], BENT - np.array([0, 0.4, -0.4, 0, 0, 0])
+    ends = (short, long) if forwards else (long, short)
+    length = float(np.linalg.norm(np.diff(arm.forward_kinematics_batch([BENT, short])[:, :3, 3], axis=0)))
+    for radius, status in ((0.9 * length, FREE), (1.1 * length, UNDECIDED)):
+        steps = [JointMove(ends[0]), JointMove(BENT, 1.0, Blend(radius)), JointMove(ends[1], 1.0)]
+        assert certified(steps, checker).status is status
+
+
 @pytest.mark.parametrize("dialect", MOVING)
 def test_a_blend_at_the_first_point_is_not_free(checker, dialect: str) -> None:
     blend = blend_of(dialect)
@@ -572,6 +584,17 @@ class TestSpeeds:
             q = arm.home + 0.5 * np.eye(6)[3]
             program = make_program([JointMove(arm.home), JointMove(q, duration)], arm.joint_names, dialect=dialect)
             assert certify_program(program, pp.CollisionChecker(limits)).free is free
+
+    def test_known_accelerations_are_compared_on_linear_moves(self) -> None:
+        """Between two stops, each joint must be able to move from one end to the other in the stated duration."""
+        arm = pp.load_robot("ur5").arm()
+        arm = arm.with_limits(replace(arm.limits, acceleration=np.full(6, 2.0), acceleration_source="measured"))
+        start = arm.forward_kinematics(BENT)
+        trace = trace_line(arm, BENT, pin.SE3(start.rotation, start.translation - 0.05 * np.eye(3)[2]))
+        shortest = 2.0 * np.sqrt(np.abs(trace.path.end - BENT).max() / 2.0)
+        for duration, free in ((0.98 * shortest, False), (1.05 * shortest, True)):
+            steps = [JointMove(BENT), LinearMove(trace.path.end, None, duration)]
+            assert certified(steps, pp.CollisionChecker(arm)).free is free
 
     def test_an_arm_that_does_not_stop_needs_one_ramp_less(self) -> None:
         """0.5 rad from or to rest at 2 rad/s^2 take 0.71 s, from rest to rest 1 s; a speed is stated without ramps."""

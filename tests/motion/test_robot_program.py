@@ -657,6 +657,26 @@ def test_a_declaration_or_a_check_that_was_broken_is_refused(dialect, before, af
     assert refused(text.replace(before, after, 1), dialect)
 
 
+def test_a_joint_move_of_rapid_at_the_slow_speed_is_only_the_first_one():
+    """At v100 the tcp moves with 100 mm/s, however far the joints move."""
+    text = full_text("rapid")
+    slow = re.sub(r"(MoveAbsJ .*, )v1000\\T:=[0-9.]+", r"\1v100", text)
+    assert slow != text
+    assert "first" in str(refused(slow, "rapid"))
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_load_schedule_of_fanuc_has_one_load(number):
+    """The pendant holds one load in each schedule; schedule 1 is that of the tool."""
+    tool = ToolData("gripper", pp.pose((0.0, 0.0, 0.17)), 1.25, (0.0, 0.0, 0.06))
+    loads = [SetLoad(pp.Payload(mass, (0.0, 0.0, 0.2))) for mass in (0.5, 0.25)]
+    steps = [*some_steps("fanuc"), *loads, loads[0]]
+    text = make_program(steps, NAMES, dialect="fanuc", tool=tool).text
+    other = re.sub(r"PAYLOAD( |\[)2", rf"PAYLOAD\g<1>{number}", text)
+    assert other != text
+    assert f"PAYLOAD[{number}]" in str(refused(other, "fanuc"))
+
+
 def reading(value):
     """What a program states, as plain values without the numbers of lines."""
     if is_dataclass(value):

@@ -273,9 +273,9 @@ class ProgramCertificate(Shown):
     parts: tuple[ProgramPart, ...] = key("the parts in the order of execution")
     notes: tuple[str, ...] = key("what the certificate assumes about the controller, and what it does not cover")
     overlaps: tuple[int, ...] = key(
-        "lines of blends that cannot be covered: they may overlap with the previous blend, so that a controller may "
-        "skip a point, are at the first point, to which the move is not known, or no move follows them, so "
-        "that the arm may stop before the point. The program is then UNDECIDED",
+        "lines of blends that cannot be covered: they may overlap with the previous blend or reach the other end of a "
+        "move, so that a controller may skip a point, are at the first point, to which the move is not known, or no "
+        "move follows them, so that the arm may stop before the point. The program is then UNDECIDED",
         default=(),
     )
     outside_limits: tuple[str, ...] = key(
@@ -398,7 +398,7 @@ def certify_program(
         parts.append(ProgramPart(part.name, part.line, part.blend, certificate))
     notes = dict.fromkeys([*_notes(program, checker.arm), *(note for part in parts for note in part.certificate.notes)])
     # What no certificate of a part covers: overlapping blends, limits, outputs, and unknown speeds.
-    overlapping = tuple(overlaps(program, checker.arm, traces))
+    overlapping = tuple(dict.fromkeys(overlaps(program, checker.arm, traces)))
     outside = (*_outside(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput) and step.output not in process)
     untraced += tuple(unknown_speeds(program, checker.arm))
@@ -842,23 +842,26 @@ def tool_fault(program: RobotProgram, arm: Arm) -> str:
 def overlaps(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[int]:
     """Yield the lines of blends that may use the same part of a move as the previous blend, by their upper bounds.
 
-    A blend at the first point uses a part of the move to this point, which is not known. If no move follows, the
-    arm may stop before the point, or go on from there when the program begins again.
+    A radius that is not limited to half of the moves must end before the point at the other end of each move, which
+    the controller skips otherwise, also where the arm stops there. A blend at the first point uses a part of the move
+    to this point, which is not known. If no move follows, the arm may stop before the point, or go on from there when
+    the program begins again.
     """
     first = program.moves[0]
     if isinstance(first, JointMove) and first.blend is not None:
         yield first.line
     paths = {step.line: path for step, path, _ in _paths(program, traces)}
     for before, at in pairwise((*(step for step in program.steps if not isinstance(step, Remark)), None)):
-        if not isinstance(before, JointMove | LinearMove) or before.blend is None:
-            continue
-        if not isinstance(at, JointMove | LinearMove):
-            yield before.line
-        elif at.blend is not None:
+        zone = before.blend if isinstance(before, JointMove | LinearMove) else None
+        if before is None or not isinstance(at, JointMove | LinearMove):
+            if before is not None and zone is not None:
+                yield before.line
+        elif at.line in paths:
             path = paths[at.line]
-            used = zone_shares(before.blend, arm, path.q)[0] + zone_shares(at.blend, arm, path.reversed().q)[0]
-            if used > 1.0:
-                yield at.line
+            ends = ((zone, path), (at.blend, path.reversed()))
+            used = [0.0 if blend is None else zone_shares(blend, arm, side.q)[0] for blend, side in ends]
+            if max(used) == 1.0 or sum(used) > 1.0:
+                yield before.line if at.blend is None else at.line
 
 
 def _outside(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTrace]) -> Iterator[str]:
@@ -916,9 +919,10 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                 ends = [arm.forward_kinematics(q).translation for q in (path.start, path.end)]
                 distance = float(np.linalg.norm(ends[1] - ends[0]))
             else:
-                travel = np.abs(step.q - here)
+                path, travel = JointPath([here, step.q], arm.joint_names), np.abs(step.q - here)
                 distance = float(travel.max())
-                stops = 0 if duration is None else (not moving) + (step.blend is None)
+            if duration is not None:
+                stops = (not moving) + (step.blend is None)
             if duration is None and step.speed is not None:
                 duration = distance / step.speed
             # All joints accelerate in proportion
@@ -930,7 +934,10 @@ def speed_violations(program: RobotProgram, arm: Arm, traces: Mapping[int, LineT
                     f"limit is {most[joint]:.4g} rad/s^2"
                 )
             # A move whose stated duration is too short cannot be followed.
-            needed = shortest_durations(np.maximum(travel - ROUNDING, 0.0), limits, stops)
+            needed = np.maximum(
+                shortest_durations(np.maximum(travel - ROUNDING, 0.0), limits, 0),
+                shortest_durations(np.maximum(np.abs(path.end - path.start) - ROUNDING, 0.0), limits, stops),
+            )
             for joint in () if duration is None else np.flatnonzero(needed > duration * (1.0 + LIMIT_TOLERANCE)):
                 yield (
                     f"line {step.line}: {names[joint]} moves by {travel[joint]:.4g} rad in {duration:g} s, but needs "

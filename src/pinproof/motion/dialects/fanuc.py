@@ -161,7 +161,20 @@ class Fanuc(Dialect):
         def schedule(step: SetLoad) -> str:
             return "1" if step.payload is None else str(heading.loads.index(step.payload) + 2)
 
-        number = Field(INDEX, schedule, lambda _: {})
+        load, schedules, read_last = heading.carried(LOAD, 1e3, 3), dict[str, str](), [""]
+
+        def numbered(text: str) -> Mapping[str, Any]:
+            read_last[0] = text
+            return {}
+
+        def scheduled(text: str) -> Mapping[str, Any]:
+            """The load of a schedule, of which the pendant holds one: 1 is the tool alone, the others have a part."""
+            read, number = load.read(text), read_last[0]
+            if (number == "1") is not (read["payload"] is None) or schedules.setdefault(number, text) != text:
+                raise ValueError(f"PAYLOAD[{number}] has another load: 1 is that of the tool, and others have one each")
+            return read
+
+        number = Field(INDEX, schedule, numbered)
         again = Field(r"\1", schedule, lambda _: {})
         at = Field(INDEX, place, placed)
         tool = (
@@ -182,7 +195,7 @@ class Fanuc(Dialect):
             *declared,
             Form(JointMove, "J P[@] @ @ ;", (at, Field(rf"(?:100|[1-9]\d?)%|{INDEX}msec", _timed, _time), TERMINATION)),
             Form(LinearMove, "L P[@] @ @ ;", (at, Field(f"{INDEX}(?:msec|mm/sec)", _timed, _time), TERMINATION)),
-            Form(SetLoad, "!PAYLOAD @ @\nPAYLOAD[@] ;", (number, heading.carried(LOAD, 1e3, 3), again)),
+            Form(SetLoad, "!PAYLOAD @ @\nPAYLOAD[@] ;", (number, load._replace(read=scheduled), again)),
             *self.common_forms(
                 "DO[@]=@ ;",
                 "WAIT @(sec) ;",

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.errors import InputError
+from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import Payload
 from pinproof.motion.dialects.dialect import (
     NAME,
@@ -84,6 +84,14 @@ class Rapid(Dialect):
         loads = [LoadData(number, payload) for number, payload in enumerate(heading.loads, 1)]
         flag = ["    VAR bool timed_out;"] if any(isinstance(step, CheckInput) for step in steps) else []
         return [*declared, *loads, f"  PROC {heading.name}()", *flag, *steps]
+
+    def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
+        """See :meth:`Dialect.completed`."""
+        for item in [each for each in items if isinstance(each, JointMove)][1:]:
+            if item.duration is None:
+                reason = r"a joint move after the first one must state its time, such as v1000\T:=1.5"
+                raise TrajectoryError(source, reason, f"line {item.line}")
+        return list(items)
 
     def lines_of(self, step: Any, form: Form) -> list[str]:
         """See :meth:`Dialect.lines_of`."""

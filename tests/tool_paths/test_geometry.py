@@ -157,6 +157,15 @@ def test_meshes_in_millimetres_are_recognised_and_noted(tmp_path):
     assert (strips.name, strips.process, strips.path.speed[0]) == ("part", False, 0.2)
 
 
+def test_a_closed_mesh_with_inner_normals_is_noted():
+    inverted = BOX.copy()
+    inverted.invert()
+    (stroke,) = contour(inverted, normal=UP)
+    assert "inwards" in stroke.path.notes[-1]
+    assert points_of(stroke)[:, 2] == pytest.approx(np.full(5, -0.025))
+    assert not contour(BOX, normal=UP)[0].path.notes
+
+
 def test_the_number_of_a_triangle_is_that_of_the_file():
     # Triangles without an area come first, and are dropped
     faces = np.concatenate([[[0, 0, 1], [2, 2, 2]], BOX.faces])

@@ -70,6 +70,9 @@ class Surface:
                 "the mesh is not a surface with an outer side: an edge has more than two triangles, or neighbours of "
                 "opposite orientation; repair the mesh"
             )
+        if made.is_watertight and made.volume < 0.0:
+            inward = "the normals of the closed mesh point inwards: the tool is on its inner side"
+            self.remark = "; ".join(filter(None, (self.remark, inward)))
         self.vertices, self.triangles = np.array(made.vertices), np.array(made.faces)
         self.normals, self.numbers = np.array(made.face_normals), np.flatnonzero(kept)
         # The edges as pairs of vertices, and those of each triangle by their numbers; pairs of neighbours with angles

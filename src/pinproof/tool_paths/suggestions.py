@@ -167,13 +167,13 @@ def _kinds(case: Case, plan: FollowPlan, part: tuple[str, ...]) -> Iterator[list
         )
         for size, axis, sign in product(TILTS, (0, 1), (1, -1))
     ]  # fmt: skip
-    # The part rotates about the vertical through the middle of the path
+    # The part rotates about the z axis of the base through the middle of the path
     ends = case.path.poses[:, :3, 3]
     middle = pose(0.5 * (ends.min(axis=0) + ends.max(axis=0)))
     what = f"the path and {', '.join(part)}" if part else "the path"
     yield [
         Change(
-            f"rotate {what} by {sign * size:+d} deg about the vertical", float(size),
+            f"rotate {what} by {sign * size:+d} deg about the z axis of the base", float(size),
             partial(_part_moved, motion=middle * _turn(2, sign * size) * middle.inverse(), names=part),
         )
         for size, sign in product(ROTATIONS, (1, -1)) if sign * size != -180

@@ -131,6 +131,8 @@ def test_unusable_files_of_paths_are_refused_with_their_line(tmp_path, name, tex
         ({"points": SQUARE, "normals": UP}, {"cost": "cheap"}, "cheap.*balanced"),
         ({"points": SQUARE, "normals": UP}, {"speed": 50}, "mm/s"),
         ({"points": SQUARE, "normals": UP}, {"deviation": 0}, "deviation"),
+        ({"points": SQUARE, "normals": UP}, {"approach": 50}, "line .*approach.*at most 10.*mm"),
+        ({"points": SQUARE, "normals": UP}, {"free_rotation": [1, 0]}, "line .*free_rotation.*smaller angle first"),
         ({"points": SQUARE, "normals": UP}, {"rotation": 1}, "unknown key 'rotation'.*rotations"),
         ({"file": "none.csv"}, {}, "there is no file"),
     ],

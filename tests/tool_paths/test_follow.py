@@ -1,11 +1,13 @@
 """Motions along tool paths: audited independently, optimal, and the reasons where no motion exists."""
 
+import json
+
 import numpy as np
 import pytest
 from benchmarks.tool_path_audits import arm_of, random_problem, wrong
 
 import pinproof as pp
-from pinproof.tool_paths import FollowCosts, FollowStatus, Obstruction, ToolPath
+from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath
 
 UP = (0.0, 0.0, 1.0)
 LINE = np.column_stack([np.full(7, 0.4), np.linspace(-0.3, 0.3, 7), np.full(7, 0.2)])
@@ -266,13 +268,21 @@ def test_the_same_seed_gives_the_same_motion(free):
     [
         ({"deviation": 0.5}, "deviation .*millimetres|deviation .*mm"), ({"rotation_deviation": 2.0}, "degrees"),
         ({"deviation": 1e-6}, "deviation"), ({"rotations": 0}, "rotations"), ({"cost": "cheap"}, "balanced"),
-        ({"free_rotation": (1.0, -1.0)}, "range"), ({"approach": -0.1}, "approach"), ({"step": 0.0}, "step"),
+        ({"free_rotation": (1.0, -1.0)}, "range"), ({"approach": -0.1}, "approach"), ({"approach": 50.0}, "at most 10"),
+        ({"step": 0.0}, "step"),
         ({"speed_tolerance": 2.0}, "speed_tolerance"), ({"lifts": -1}, "lifts"), ({"start": [0.0]}, "start"),
     ],
 )  # fmt: skip
 def test_settings_out_of_range_are_refused_by_name(free, settings, words):
     with pytest.raises(pp.InputError, match=words):
         pp.follow(free, ToolPath.through(LINE, UP), **settings)
+
+
+def test_a_piece_of_one_rung_has_no_speed_and_the_result_remains_json():
+    path = ToolPath.through(LINE, UP)
+    piece = PathPiece(0.0, 0.0, np.zeros((1, 6)), np.zeros(1), np.zeros(1), 0.0, 0.0, None, 0.0, 0.0)
+    plan = FollowPlan(FollowStatus.BLOCKED, "", path, (piece,))
+    assert json.loads(json.dumps(plan.to_dict(), allow_nan=False))["pieces"][0]["speed"] is None
 
 
 def test_results_are_saved_and_shown(free, tmp_path):

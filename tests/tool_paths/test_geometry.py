@@ -206,6 +206,7 @@ def flipped():
         (lambda: raster(doubled(), direction=X, spacing=0.02), "more than two triangles|opposite"),
         (lambda: raster(BOX, direction=X, spacing=0.2), "larger than the surface, which is 0.1 m wide"),
         (lambda: raster(BOX, direction=X, spacing=0.0), "spacing"),
+        (lambda: raster(BOX, direction=X, spacing=1e-6), "100,000 lines, more than 5,000"),
         (lambda: raster(BOX, direction=X, spacing=0.02, margin=0.2), "twice the margin"),
         (lambda: raster(BOX, direction=UP, spacing=0.02), "parallel"),
         (lambda: raster(wavy(), direction=X, spacing=0.02, normal=(0, 0, -1)), "faces the direction"),

@@ -1,5 +1,6 @@
 """Several strokes in one motion: the order, directions and start points are the best of all by brute force."""
 
+import json
 from functools import cache
 from itertools import permutations, product
 
@@ -123,6 +124,7 @@ def test_a_stroke_out_of_reach_is_named_with_its_reason(checker):
     assert name == "far"
     assert plan.blocked
     assert "'far'" in found.message
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["steps"][0]["begin"] is None
     with pytest.raises(pp.NoAnswer, match="far"):
         found.or_raise()
 

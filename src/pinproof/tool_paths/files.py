@@ -23,7 +23,7 @@ from pinproof.picks import SETTINGS, Picks, checker_of_picks, read_settings, roo
 from pinproof.spatial import SE3
 from pinproof.tool_paths.geometry import Contour, Raster, paths_on
 from pinproof.tool_paths.machine_code import read_apt, read_gcode
-from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.path import LONGEST_LINE, ToolPath
 from pinproof.tool_paths.path_files import SUFFIXES, PathPoints, as_many, read_points, read_table
 from pinproof.tool_paths.rungs import COSTS, FollowCosts
 from pinproof.tool_paths.strokes import Stroke, strokes_of
@@ -99,7 +99,12 @@ class StrokeSource(PathPoints):
 
 
 def _free_rotation(name: str, value: Any) -> bool | tuple[float, float]:
-    return bool(value) if isinstance(value, bool | np.bool_) else st.vector(2).check(name, value)
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    low, high = st.vector(2).check(name, value)
+    if low > high:
+        raise InputError(f"{name} = [{low:g}, {high:g}] must state the smaller angle first")
+    return low, high
 
 
 @st.struct("job", kw_only=True, eq=False, repr=False)
@@ -138,9 +143,15 @@ class ToolJob(Shown):
         "does not permit the speed",
         default=None, minimum=0.01, below=1,
     )  # fmt: skip
-    approach: float = st.key("length of the straight move along the tool axis to a path", "m", default=0.0, minimum=0)
+    approach: float = st.key(
+        "length of the straight move along the tool axis to a path", "m", default=0.0, minimum=0, maximum=LONGEST_LINE
+    )
     departure: float | None = st.key(
-        "length of that away from a path; by default that of `approach`", "m", default=None, minimum=0
+        "length of that away from a path; by default that of `approach`",
+        "m",
+        default=None,
+        minimum=0,
+        maximum=LONGEST_LINE,
     )
     lifts: int = st.key("number of times the tool may be lifted within a path", default=0, minimum=0)
     cost: str | FollowCosts = st.key(

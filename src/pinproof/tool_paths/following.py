@@ -19,7 +19,7 @@ from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import MotionPlan, plan, plan_linear
 from pinproof.spatial import SE3, Array, pose, rotation_about
 from pinproof.tool_paths.curves import image_deviation
-from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.path import LONGEST_LINE, ToolPath
 from pinproof.tool_paths.reasons import place_name
 from pinproof.tool_paths.result import SHOWN, FollowPlan, FollowStatus, PathPiece
 from pinproof.tool_paths.rungs import COSTS, FollowCosts, Grid, LadderSettings, redundant_axes
@@ -136,8 +136,10 @@ def follow(
         require_positive(name, length)
     require_number("deviation", deviation, "m", above=0, below=MOST_DEVIATION)
     require_number("rotation_deviation", rotation_deviation, "rad", above=0, below=0.5 * math.pi)
-    approach = require_number("approach", approach, "m", minimum=0)
-    departure = approach if departure is None else require_number("departure", departure, "m", minimum=0)
+    approach = require_number("approach", approach, "m", minimum=0, maximum=LONGEST_LINE)
+    departure = (
+        approach if departure is None else require_number("departure", departure, "m", minimum=0, maximum=LONGEST_LINE)
+    )
     if speed_tolerance is not None:
         require_number("speed_tolerance", speed_tolerance, minimum=0.01, below=1)
     if isinstance(cost, str):

@@ -27,6 +27,8 @@ from pinproof.units import FAR, LENGTH_UNITS
 FLAT, CURVED = 1e-3, 0.5
 # rad: largest angle between the normal of a raster and the normals of the surface on which it is.
 FACING = np.radians(75.0)
+# Largest number of lines of a raster; more follow from a spacing in other units.
+MOST_LINES = 5000
 
 Chain = tuple[Array, Array]
 """Points (k, 3) of a line on a surface in order, and the normals (k, 3) there."""
@@ -288,6 +290,10 @@ class Raster:
         if count < 1:
             width = f"{np.ptp(extent):.4g} m"
             raise InputError(f"spacing = {self.spacing:g} m is larger than the surface, which is {width} wide")
+        if count > MOST_LINES:
+            raise InputError(
+                f"spacing = {self.spacing:g} m makes {count:,} lines, more than {MOST_LINES:,}; spacing is in metres"
+            )
         places = extent.min() + 0.5 * (np.ptp(extent) - (count - 1) * self.spacing) + self.spacing * np.arange(count)
         # Lines with their ends cut off, alternately in both directions
         found: list[Chain] = []

@@ -70,7 +70,8 @@ class StrokesPlan(PlannedMotion):
     def to_dict(self) -> dict[str, Any]:
         """The order and the figures as plain values for JSON."""
         steps = [
-            {"name": own.stroke.name, "start": own.start, "reverse": own.reverse, "begin": own.begin}
+            {"name": own.stroke.name, "start": own.start, "reverse": own.reverse}
+            | {"begin": None if math.isnan(own.begin) else own.begin}
             | {"process": own.stroke.process, "plan": own.plan.to_dict()}
             for own in self.steps
         ]

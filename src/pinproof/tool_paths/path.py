@@ -24,6 +24,8 @@ ZERO = 1e-9
 SLIGHT = 0.9
 # m/s: faster tools are stated in mm/s by mistake.
 FASTEST = 10.0
+# m: longest approach and departure; longer ones are stated in other units.
+LONGEST_LINE = 10.0
 NO_POSE = "the tool path has no pose; give at least one"
 
 

@@ -148,7 +148,11 @@ class FollowPlan(PlannedMotion):
         found = {"ok": self.ok, "status": self.status.name, "message": self.message, "poses": len(self.path)}
         pieces = [
             {name: getattr(piece, name) for name in ("first", "last", "cost", "deviation", "rotation_deviation")}
-            | {"speed": list(piece.speed), "ramps": list(piece.ramps), "slow": [list(each) for each in piece.slow]}
+            | {
+                "speed": None if piece.trajectory is None else list(piece.speed),
+                "ramps": list(piece.ramps),
+                "slow": [list(each) for each in piece.slow],
+            }
             | {"rotations": piece.rotations.tolist()}
             for piece in self.pieces
         ]

@@ -170,7 +170,7 @@ def follow_all(
             FollowedStroke(variant, start, reverse, math.nan, made)
             for _, (variant, start, reverse, made) in sorted(passable.items())
         )
-        more = f"; and {len(failed) - 1} more strokes" if len(failed) > 1 else ""
+        more = f"; and {len(failed) - 1} more stroke{'s' * (len(failed) > 2)}" if len(failed) > 1 else ""
         return StrokesPlan(reason.status, f"stroke {name!r}: {reason.message}{more}", **figures)
     # The order by lower bounds, which certified times replace until the best order has none of them left
     first = np.array([choice[-1].trajectory.start for choice in choices])

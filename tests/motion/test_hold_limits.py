@@ -11,7 +11,7 @@ from benchmarks.holding import PAD, TIP, Carried, across, random_grasp, share_by
 
 import pinproof as pp
 from pinproof.errors import InputError, SlipError
-from pinproof.motion import ContactPatch, HoldLimits
+from pinproof.motion import ContactPatch, HoldLimits, HoldPeak
 
 MU, FORCE = 0.5, 20.0
 SHARE = 2e-4
@@ -267,3 +267,8 @@ def test_motion_on_which_the_part_slips_even_at_rest_has_a_peak(arm) -> None:
     peak = limits.peak(trajectory)
     assert not peak.holds
     assert peak.share >= limits.shares(newton_euler(arm, trajectory)).max() * (1 - 1e-3)
+
+
+def test_the_stated_factor_of_the_duration_is_not_rounded_below_the_proven_one() -> None:
+    peak = HoldPeak(1.2, 0.5, 10.0, 1.0, 12.344)
+    assert float(str(peak).split("held in ")[1].split()[0]) >= 12.344

@@ -193,6 +193,15 @@ def test_directions_of_grasps_in_the_root_frame_follow_a_transformed_cell(tmp_pa
     np.testing.assert_allclose(grasp.approach_direction, [0, 0, 1], atol=1e-15)  # in the frame of the tip
 
 
+def test_the_length_of_a_line_may_be_that_of_a_grasp_and_its_direction_that_of_the_pick(tmp_path: Path) -> None:
+    parts = PARTS.replace("approach: 0.05", "retreat: 0.05")
+    row = "{name: a, part: block, object: x, grasp: top, retreat: 0, retreat_direction: [1, 0, 0], retreat_frame: tip}"
+    picks = read(tmp_path, row, parts=parts)
+    assert not picks.problems
+    (grasp,) = picks.grasps_of(picks.picks[0])
+    assert (grasp.retreat, grasp.retreat_direction, grasp.retreat_frame) == (0.05, (1, 0, 0), "tip")
+
+
 SPEC = {"tip": pp.pose((0, 0, 0.16)), "margin": 0.002}
 
 

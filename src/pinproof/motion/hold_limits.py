@@ -139,7 +139,7 @@ class HoldPeak(Written):
     def __str__(self) -> str:
         if self.holds:
             return f"holds with a reserve of {100.0 * self.reserve:.0f} %, least at {self.time:.2f} s"
-        slower = "" if self.slower is None else f"; it is held in {self.slower:.4g} times the duration"
+        slower = "" if self.slower is None else f"; it is held in {self.slower:.10g} times the duration"
         return f"slips at {self.time:.2f} s: {self.words}{slower}"
 
 

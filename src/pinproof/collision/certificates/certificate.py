@@ -450,7 +450,10 @@ class Certificate(Answer):
 
     @property
     def fails_at(self) -> float:
-        """The parameter of the first contact or violation, or where what is undecided begins; NaN if FREE."""
+        """The parameter of the first contact or violation, or where what is undecided begins.
+
+        NaN if FREE, or if only the limits between samples of a function are undecided.
+        """
         for event in (self.first_contact, self.violation):
             if event is not None:
                 return event.time

@@ -617,14 +617,15 @@ def _refuse_unused(stated: Mapping[str, Any], whole: Mapping[str, Any], lines: P
     """Raise Misread at a key of a straight line that has no effect: the line has no length, or a frame no direction.
 
     ``whole`` is what is stated with the defaults. Without an approach, its direction is still that of the spin and of
-    the grip. The direction may be that of a grasp of the part.
+    the grip. The length and the direction may be those of a grasp of the part.
     """
-    for move in ("retreat",) if isinstance(lines, Pick) else MOVES:
+    of_part = isinstance(lines, Pick) and lines.part is not None
+    for move in () if of_part else ("retreat",) if isinstance(lines, Pick) else MOVES:
         for name in (f"{move}_direction", f"{move}_frame"):
             if name in stated and getattr(lines, move) == 0.0:
                 reason = f"has no effect, because {move} is 0; state the length of the line, or remove the key"
                 raise st.Misread(reason, (*steps, f".{name}"), st.position(stated, name))
-    for name in () if isinstance(lines, Pick) and lines.part else (f"{move}_frame" for move in MOVES):
+    for name in () if of_part else (f"{move}_frame" for move in MOVES):
         direction, usual = name.replace("frame", "direction"), next(k for k in fields(lines) if k.name == name).default
         if name in stated and direction not in whole and getattr(lines, name) != usual:
             reason = f"is the frame of {direction}, which is not stated; state the direction, or remove the key"

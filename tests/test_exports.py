@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import public_interface
 import pytest
 
 import pinproof as pp
@@ -127,3 +128,11 @@ def test_an_init_file_only_exports_names(name: str) -> None:
     allowed = (ast.Import, ast.ImportFrom, ast.Expr, ast.Assign, ast.AnnAssign)
     body = ast.parse(Path(inspect.getfile(package)).read_text(encoding="utf-8")).body
     assert [f"line {each.lineno}" for each in body if not isinstance(each, allowed)] == []
+
+
+def test_the_interface_is_the_stored_list() -> None:
+    stored = public_interface.PAGE.read_text(encoding="utf-8").splitlines()
+    found = public_interface.interface().splitlines()
+    hint = "if the change is meant, state it in CHANGELOG.md and run: python scripts/public_interface.py"
+    assert set(stored) ^ set(found) == set(), hint
+    assert stored == found

@@ -721,6 +721,20 @@ def test_levers_bound_the_distance_of_the_tcp_from_each_axis(arm) -> None:
     assert (levers(arm) <= 2.0 * speeds.max(axis=0) + 0.2).all()
 
 
+def test_levers_contain_the_travel_of_prismatic_joints() -> None:
+    links = "".join(f'<link name="l{k}"/>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0.1 0 0.2"/>'
+        f'<axis xyz="{axis}"/><limit lower="-0.2" upper="0.7" velocity="1" effort="1"/></joint>'
+        for k, (kind, axis) in enumerate([("revolute", "0 0 1"), ("prismatic", "1 0 0"), ("revolute", "0 1 0")])
+    )
+    sliding = pp.load_robot(f'<robot name="sliding">{links}{joints}</robot>').arm(tcp="l3")
+    samples = np.random.default_rng(0).uniform(*sliding.limits.sampling_range(), (2000, 3))
+    speeds = np.array([np.linalg.norm(sliding.jacobian(q)[:3], axis=0) for q in samples])
+    assert (speeds.max(axis=0) <= levers(sliding) + 1e-12).all()
+    assert (levers(sliding) <= speeds.max(axis=0) + 0.8).all()
+
+
 def test_the_jacobian_changes_by_no_more_than_its_bound(arm) -> None:
     rng = np.random.default_rng(1)
     for q in rng.uniform(-3, 3, (50, arm.dof)):

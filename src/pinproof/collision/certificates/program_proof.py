@@ -162,12 +162,18 @@ def interpolation_difference(turn: Array) -> float:
 
 
 def levers(arm: Arm) -> Array:
-    """(n,) largest distance of the tcp from each joint axis (m), for any configuration of revolute joints."""
+    """(n,) motion of the tcp for a unit of each joint: at most this, in m/rad, or 1 for a prismatic joint."""
     model, tcp = arm.model, arm.model.frames[arm.tcp_id]
     joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
-    offsets = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints[1:]]
+    most = np.maximum(np.abs(arm.limits.lower), np.abs(arm.limits.upper))
+    most = (np.abs(arm.scale) * np.where(arm.scale == 0.0, 0.0, most)).sum(axis=1) + np.abs(arm.offset)
+    travels = {  # of prismatic joints, which move the tcp away from the axes before them
+        joint: most[joint - 1] for joint in joints if model.joints[joint].shortname().startswith("JointModelP")
+    }
+    between = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints]
+    offsets = [gap + travels.get(joint, 0.0) for joint, gap in zip(joints[1:], between[1:], strict=True)]
     offsets.append(np.linalg.norm(tcp.placement.translation))
-    each = {joint: sum(offsets[k:]) for k, joint in enumerate(joints)}
+    each = {joint: 1.0 if joint in travels else sum(offsets[k:]) for k, joint in enumerate(joints)}
     return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
 
 

@@ -17,6 +17,7 @@ TOPICS = {
     "picks": "picks, screening, campaigns and durations",
     "own_cells": "picks among CAD meshes, and edges beside exact meshes",
     "holding": "grips in motion, against linear programmes and simulations with contact",
+    "programs": "robot programs with zones, against dense samples of what controllers may execute",
     "sequence": "the order of picks",
     "cell": "base placement",
     "tool_paths": "tool paths against independent audits, and Descartes on the same graphs",

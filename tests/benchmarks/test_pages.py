@@ -17,7 +17,7 @@ from ..pages import ROOT, run_page
 
 PAGES = (
     "ik", "planning", "collision", "several_arms", "reuse", "depth", "scaling", "picks", "own_cells", "sequence",
-    "cell", "replanning", "holding", "tool_paths",
+    "cell", "replanning", "holding", "tool_paths", "programs",
 )  # fmt: skip
 ALL = {name: import_module(f"benchmarks.{name}").BENCHMARK for name in PAGES} | {"motion": MOTION}
 

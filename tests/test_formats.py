@@ -557,6 +557,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|sec must be from 0 to|the end of the segments|at the end of a segment|two events|starts at"
     r"|the arm does not rest|the arm moves at|accelerations are required"
     # the points of a tool path
+    r"|the tool path extends over"
     r"|normals for \d+ points|normal \d+ has length 0|the first and the last pose|looks like mm/s"
     r"|the triangle with the number|the plane does not meet|inset|twice the margin|larger than the surface"
     r"|of a raster must"

@@ -251,23 +251,27 @@ def executed_curves(program: RobotProgram, arm: pp.Arm, rng: np.random.Generator
         ]
         for name, left, passed in courses:
             yield name, into(1 - share * left) + out(share_after * passed) - at
-        # The displacements of both poses add up
+        # The displacements of both poses add up; each row is solved from the one before, as a controller moves
         one, other = into(1 - share * (1 - along)), out(share_after * along)
-        held, rows = arm.dof - 6, []
-        centre = arm.forward_kinematics(at)
-        for first, second in zip(one, other, strict=True):
+        held, rows = arm.dof - 6, [one[0] + other[0] - at]
+        centre, sums = arm.forward_kinematics(at), one + other - at
+        for k, (first, second) in enumerate(zip(one, other, strict=True)):
             a, b = arm.forward_kinematics(first), arm.forward_kinematics(second)
             turned = a.rotation @ centre.rotation.T @ b.rotation
             wanted = pin.SE3(turned, a.translation + b.translation - centre.translation)
-            row = first + second - at
+            row = predicted = rows[-1] + sums[k] - sums[max(k - 1, 0)]
             for _ in range(20):
                 error = pin.log6(arm.forward_kinematics(row).actInv(wanted)).vector
                 if np.abs(error).max() < 1e-9:
                     break
                 jacobian = arm.jacobian(row, reference="LOCAL")[:, held:]
-                row[held:] += np.linalg.lstsq(jacobian, error, rcond=None)[0]
+                row = row + np.append(np.zeros(held), np.linalg.lstsq(jacobian, error, rcond=None)[0])
+            if np.abs(error).max() > 1e-8 or np.abs(row - predicted).max() > 0.3:
+                break  # it passes a singular configuration, where no controller follows it
             rows.append(row)
         yield "poses", np.array(rows)
+        if len(rows) <= SAMPLES:
+            yield "unsolved", np.empty((0, arm.dof))
 
 
 def sampled(

@@ -57,8 +57,7 @@ class ToolPath(Shown):
         if not count:
             raise InputError(NO_POSE)
         refuse_millimetres("poses", np.abs(poses[:, :3, 3]).max(axis=1).tolist())
-        if (size := float(np.ptp(poses[:, :3, 3], axis=0).max())) > MOST_REACH:
-            raise InputError(f"the tool path extends over {size:g} m; {hint_at_unit(size, 'm')}")
+        _refuse_long(poses[:, :3, 3])
         speed = None
         if self.speed is not None:
             given = np.asarray(self.speed, dtype=float)
@@ -122,9 +121,11 @@ class ToolPath(Shown):
         if not len(places):
             raise InputError(NO_POSE)
         refuse_millimetres("points", np.abs(places).max(axis=1, initial=0.0).tolist())
+        _refuse_long(places)
         given = np.asarray(normals, dtype=float)
         axes = -finite("normals", np.tile(given, (len(places), 1)) if given.ndim == 1 else given, (len(places), 3))
-        sizes = np.linalg.norm(axes, axis=1)
+        with np.errstate(over="ignore"):
+            sizes = finite("lengths of normals", np.linalg.norm(axes, axis=1), (len(places),))
         if (sizes < ZERO).any():
             raise InputError(f"normal {int((sizes < ZERO).argmax())} has length 0; every point needs a direction")
         z = axes / sizes[:, None]
@@ -219,3 +220,11 @@ class ToolPath(Shown):
         rows = ([name, *pose[:3, 3], *pose[:3, 2]] for name, pose in zip(self.names, self.poses, strict=True))
         columns = ("pose", "x [m]", "y [m]", "z [m]", "tool x", "tool y", "tool z")
         return View(head, [self.notes, Rows(columns, rows, len(self))], self.notes)
+
+
+def _refuse_long(places: Array) -> None:
+    """InputError if positions (N, 3) extend over more than a robot reaches."""
+    with np.errstate(over="ignore"):
+        size = float(np.ptp(places, axis=0).max())
+    if size > MOST_REACH:
+        raise InputError(f"the tool path extends over {size:g} m; {hint_at_unit(size, 'm')}")

@@ -279,8 +279,9 @@ class DepthView:
             cloud = _moved(rigid("cloud_pose", cloud_pose), cloud)
         seen = _moved(root_from_camera.inverse(), cloud)
         front = np.maximum(seen[:, 2], LEAST_DEPTH)
-        column = np.rint(intrinsics.fx * seen[:, 0] / front + intrinsics.cx)
-        row = np.rint(intrinsics.fy * seen[:, 1] / front + intrinsics.cy)
+        with np.errstate(over="ignore"):  # beyond all doubles is beyond the picture
+            column = np.rint(intrinsics.fx * seen[:, 0] / front + intrinsics.cx)
+            row = np.rint(intrinsics.fy * seen[:, 1] / front + intrinsics.cy)
         shown = (seen[:, 2] >= LEAST_DEPTH) & (column >= 0) & (column < intrinsics.width)
         shown &= (row >= 0) & (row < intrinsics.height)
         if not shown.any():

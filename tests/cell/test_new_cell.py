@@ -357,6 +357,20 @@ def test_a_robot_without_collision_geometry_is_refused(tmp_path: Path) -> None:
         new_cell(tmp_path / "bare.urdf", [block], folder=tmp_path / "cell", tcp="b")
 
 
+def test_a_tcp_whose_z_axis_is_not_that_of_the_tool_is_explained(tmp_path: Path) -> None:
+    block = mesh_file(tmp_path, "block.stl", trimesh.creation.box((0.02, 0.02, 0.03)))
+    with pytest.raises(InputError, match=r"y axis.*rpy"):
+        new_cell("so100", [block], folder=tmp_path / "cell")
+
+
+def test_fingers_without_collision_geometry_are_refused(tmp_path: Path) -> None:
+    block = mesh_file(tmp_path, "block.stl", trimesh.creation.box((0.02, 0.02, 0.03)))
+    (tmp_path / "jaw.yaml").write_text("tip: {xyz: [0, -0.09, 0], rpy: [pi/2, 0, 0]}\nheld: {gripper: {open: 1.0}}\n")
+    made = new_cell("so100", [block], folder=tmp_path / "cell", tool=tmp_path / "jaw.yaml")
+    with pytest.raises(InputError, match=r"gripper moves no link with collision geometry \(jaw\)"):
+        pp.validate_picks(made.arm, made.scene, made.picks)
+
+
 def test_a_part_that_is_too_wide_for_the_hand_is_refused_with_its_unit(tmp_path: Path) -> None:
     wide = mesh_file(tmp_path, "wide.stl", trimesh.creation.box((0.2, 0.2, 0.2)))
     scara(tmp_path, JAWS)

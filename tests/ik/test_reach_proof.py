@@ -55,7 +55,8 @@ def narrow_miss(arms):
     """A proof with several boxes: a pose close to one that five joints reach."""
     arm, rng = arms["so100"], np.random.default_rng(1)
     q = rng.uniform(*arm.limits.sampling_range())
-    return pp.prove_unreachable(arm, off_by(rng, arm.forward_kinematics(q).homogeneous, 1e-4))
+    target = off_by(rng, arm.forward_kinematics(q).homogeneous, 1e-4)
+    return pp.prove_unreachable(arm, target, orientation_tolerance=1e-6)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -159,16 +160,16 @@ def test_a_search_without_a_solution_is_no_answer(arms):
     for _ in range(12):
         q = rng.uniform(*arm.limits.sampling_range())
         target = off_by(rng, arm.forward_kinematics(q).homogeneous, 2e-6)
-        alone = pp.prove_unreachable(arm, target, search=False, budget=600)
+        alone = pp.prove_unreachable(arm, target, orientation_tolerance=1e-6, search=False, budget=600)
         if alone.proven and alone.examined > 64 and len(counts) < 2:
             counts.append(alone.examined)
-            with_search = pp.prove_unreachable(arm, target, budget=600)
+            with_search = pp.prove_unreachable(arm, target, orientation_tolerance=1e-6, budget=600)
             assert with_search.status is ReachStatus.IMPOSSIBLE
             with pytest.raises(pp.NoAnswer, match="proven impossible"):
                 with_search.q  # noqa: B018
             assert with_search.verify()
             assert len(with_search.boxes) > 64
-            undecided = pp.prove_unreachable(arm, target, budget=65)
+            undecided = pp.prove_unreachable(arm, target, orientation_tolerance=1e-6, budget=65)
             assert undecided.status is ReachStatus.UNDECIDED
             assert undecided.examined >= 65
             assert len(undecided.steps) == 0
@@ -297,9 +298,11 @@ def test_overlaps_never_exclude_a_configuration_without_one(arms, name):
         q = rng.uniform(*arm.limits.sampling_range())
         target, count = arm.forward_kinematics(q), int(rng.integers(1, 12))
         free = [overlap_near(rng, arm, q, 2e-6 * 10.0 ** rng.uniform(0, 3)) for _ in range(count)]
-        assert not pp.prove_unreachable(arm, target, search=False, budget=150, overlaps=free).proven
+        assert not pp.prove_unreachable(
+            arm, target, orientation_tolerance=1e-6, search=False, budget=150, overlaps=free
+        ).proven
         large = [overlap_near(rng, arm, q, -0.3) for _ in range(count)]
-        proof = pp.prove_unreachable(arm, target, search=False, budget=150, overlaps=large)
+        proof = pp.prove_unreachable(arm, target, orientation_tolerance=1e-6, search=False, budget=150, overlaps=large)
         proven += proof.proven
         assert not proof.proven or (proof.verify() and proof.bodies == (("a", "b"),))
     assert proven > 0
@@ -318,7 +321,9 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms):
 
     def proof(radius):
         elbow = BodyOverlap(("elbow", "ball"), 4, np.zeros(3), 0.02, 0, at, np.zeros(3), radius)
-        return pp.prove_unreachable(arm, target, search=False, budget=3000, overlaps=[elbow])
+        return pp.prove_unreachable(
+            arm, target, orientation_tolerance=1e-6, search=False, budget=3000, overlaps=[elbow]
+        )
 
     assert not proof(away.max() - 0.021).proven
     proven = proof(away.max() + 0.02)
@@ -334,7 +339,7 @@ def test_overlap_on_every_solution_is_a_proof_that_numpy_confirms(arms):
     for overlaps in ((), (smaller,)):
         assert not check_exclusion(proven._loop, proven.steps, ranges, proven.target, (1e-6, 1e-6), overlaps)
     with pytest.raises(InputError, match="search"):
-        pp.prove_unreachable(arm, target, overlaps=proven.overlaps)
+        pp.prove_unreachable(arm, target, orientation_tolerance=1e-6, overlaps=proven.overlaps)
 
 
 def test_unsupported_arms_and_settings_are_refused(planar):

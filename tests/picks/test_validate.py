@@ -255,3 +255,13 @@ def test_poses_of_picks_places_and_frames_are_copied_and_read_only() -> None:
         with pytest.raises(ValueError, match="read-only"):
             each.translation[2] -= 1.0
         assert each.translation[2] == 0.2
+
+
+def test_an_arm_of_five_joints_whose_description_is_rounded_executes_vertical_picks() -> None:
+    arm = load_robot("so100").arm(held={"gripper": 1.0})
+    tip = pp.pose([0.0, -0.09, 0.0], [np.pi / 2, 0.0, 0.0])
+    pick = pp.Pick("one", pp.pose([0.1, -0.2, 0.03], [np.pi, 0.0, 1.3]), approach=0.04, retreat=0.04)
+    verdict = judge_in(arm, pp.Scene([]), pick, tip=tip, held={"gripper": 1.0})
+    assert verdict.ok
+    off = pp.spatial.twist_size(arm.forward_kinematics(verdict.q_grasp) * tip, pick.pose)
+    assert max(off) < 1e-5

@@ -26,7 +26,7 @@ from pinproof.ik.result import (
 )  # fmt: skip
 from pinproof.ik.task import (
     Cost as Cost, GoalLike as GoalLike, IkGoal as IkGoal, IkTask as IkTask, TaskName as TaskName, look_at as look_at,
-    make_task as make_task, posture as posture,
+    make_task as make_task, orientation_tolerance_of as orientation_tolerance_of, posture as posture,
 )  # fmt: skip
 from pinproof.ik.tracking import Tracker as Tracker, TrackResult as TrackResult, track as track
 

@@ -20,7 +20,7 @@ from pinproof.ik.analytic_self_motion import SelfMotion, branches_elsewhere, sel
 from pinproof.ik.iterative import Accept
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge, nearest_winding
-from pinproof.ik.task import Task, TaskLike, make_task
+from pinproof.ik.task import Task, TaskLike, make_task, orientation_tolerance_of
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid, rigid_many
 
@@ -57,7 +57,12 @@ class AnalyticIk:
     """
 
     position_tolerance: float = key("largest distance of a solution from the target", "m", default=1e-9, above=0)
-    orientation_tolerance: float = key("largest angle of a solution from the target", "rad", default=1e-9, above=0)
+    orientation_tolerance: float | None = key(
+        "largest angle of a solution from the target; by default 1e-9, and 1e-4 for arms with fewer than six joints",
+        "rad",
+        default=None,
+        above=0,
+    )
     redundant_steps: int = key(
         "number of values in the sweep of a redundant joint; two joints have about as many pairs of values",
         default=128,
@@ -186,7 +191,7 @@ class AnalyticIk:
         :func:`pinproof.prove_unreachable` excludes all joint values, else NOT_FOUND.
         """
         random_generator(rng)
-        resolved = self._pose_only(task)
+        resolved = self._pose_only(arm, task)
         found = self.solve_all(arm, target, q0)
         reference, branches = found.reference, found.branches
         refused = 0
@@ -207,11 +212,18 @@ class AnalyticIk:
             text = f"rejected: accept returned False for each of {found.message}"
             return result(IkStatus.REFUSED, choice[0], f"{text}; check why it rejects q, or move the target")
         # without any, whether that is proven decides on the status
-        proven = found.complete and max(self.position_tolerance, self.orientation_tolerance) <= FINEST_PROOF
+        position, orientation = self._tolerances(arm)
+        proven = found.complete and max(position, orientation) <= FINEST_PROOF
         text = f"{'proven impossible' if proven else 'not reached'}: {found.message}"
         if not proven and is_provable(arm):
-            tolerances = {name: getattr(self, name) for name in ("position_tolerance", "orientation_tolerance")}
-            proof = prove_unreachable(arm, found.target, **tolerances, budget=PROOF_BOXES, search=False)
+            proof = prove_unreachable(
+                arm,
+                found.target,
+                position_tolerance=position,
+                orientation_tolerance=orientation,
+                budget=PROOF_BOXES,
+                search=False,
+            )
             proven, text = proof.proven, proof.message if proof.proven else text
         status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
         return result(status, arm.limits.clip(nearest_winding(arm, reference, reference)), text)
@@ -230,7 +242,7 @@ class AnalyticIk:
         """:meth:`solve` for N targets; the parameters are those of :meth:`pinproof.Clik.solve_batch`."""
         random_generator(rng)
         require_integer("threads", threads, 1)
-        self._pose_only(task)
+        self._pose_only(arm, task)
         plan = self._plan(arm)
         many = rigid_many("targets", targets)
         references = _references(arm, plan, q0, len(many))
@@ -258,15 +270,18 @@ class AnalyticIk:
 
     def _plan(self, arm: Arm) -> Plan:
         require_type("arm", arm, Arm)
-        plan = plan_for(arm, self.position_tolerance, self.orientation_tolerance)
+        plan = plan_for(arm, *self._tolerances(arm))
         object.__setattr__(self, "_latest", (weakref.ref(arm), plan))
         return plan
+
+    def _tolerances(self, arm: Arm) -> tuple[float, float]:
+        return self.position_tolerance, orientation_tolerance_of(arm, self.orientation_tolerance, usual=1e-9)
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "_latest"}
 
-    def _pose_only(self, task: TaskLike) -> Task:
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+    def _pose_only(self, arm: Arm, task: TaskLike) -> Task:
+        resolved = make_task(task, *self._tolerances(arm))
         if not resolved.mask.all():
             raise InputError(f"AnalyticIk supports task='pose' only, not task={task!r}; use Clik for this task")
         return resolved
@@ -326,8 +341,9 @@ class AnalyticIk:
             )
         reference = _reference(arm, plan, q0)
         matrix = np.array(rigid("target", target).homogeneous)
-        tolerances = self.position_tolerance, self.orientation_tolerance
-        return self_motion_of(arm, tolerances, plan.redundant[0], matrix, reference, self._grid(arm, plan, reference))
+        return self_motion_of(
+            arm, plan.tolerances, plan.redundant[0], matrix, reference, self._grid(arm, plan, reference)
+        )
 
     def redundant_joints(self, arm: Arm) -> tuple[int, ...]:
         """The indices of the swept joints of an arm of seven or eight joints; empty for other arms.

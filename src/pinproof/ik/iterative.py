@@ -40,7 +40,7 @@ from pinproof.ik.result import (
     plural,
     refused,
 )
-from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task
+from pinproof.ik.task import CostGoal, GoalLike, Task, TaskLike, make_goal, make_task, orientation_tolerance_of
 from pinproof.model import Arm
 from pinproof.spatial import SE3, Array, finite, rigid_many, rigid_matrix
 
@@ -65,8 +65,12 @@ class IterativeIk(ABC):
     position_tolerance: float = key(
         "largest distance between the tcp and the target for a solution", "m", default=1e-6, above=0
     )
-    orientation_tolerance: float = key(
-        "largest angle between the orientations of tcp and target for a solution", "rad", default=1e-6, above=0
+    orientation_tolerance: float | None = key(
+        "largest angle between the orientations of tcp and target for a solution; by default 1e-6, and 1e-4 for arms "
+        "with fewer than six joints, which rounded numbers in a description turn out of the poses they should reach",
+        "rad",
+        default=None,
+        above=0,
     )
     max_iterations: int = key("maximum number of steps of one attempt", default=100, minimum=1)
     restarts: int = key(
@@ -98,6 +102,10 @@ class IterativeIk(ABC):
         InputError
             If one is not supported; the message names the alternatives.
         """
+
+    def _task(self, arm: Arm, task: TaskLike) -> Task:
+        orientation = orientation_tolerance_of(arm, self.orientation_tolerance, usual=1e-6)
+        return make_task(task, self.position_tolerance, orientation)
 
     def compiled_rule(self) -> CompiledRule | None:
         """The step rule of the compiled core, or None if the method has none."""
@@ -150,7 +158,7 @@ class IterativeIk(ABC):
         """
         require_type("arm", arm, Arm)
         matrix, start = rigid_matrix("target", target, batch="solve_batch"), _start(arm, q0)
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        resolved = self._task(arm, task)
         search, engine = self._search(arm, matrix, start, rng, resolved, goal, on_step)
         return self._solve(arm, search, engine, accept, resolved)
 
@@ -191,7 +199,7 @@ class IterativeIk(ABC):
             starts = np.tile(_start(arm, q0), (len(many), 1))
         else:
             starts = finite("q0", q0, (len(many), arm.dof))
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        resolved = self._task(arm, task)
         null_space = make_goal(goal, arm, arm.home)
         called_back = isinstance(null_space, CostGoal) and self.engine != "compiled"
         solver = None if called_back else self._compiled(arm, resolved, None)
@@ -256,7 +264,7 @@ class IterativeIk(ABC):
         require_integer("count", count, 1)
         require_integer("attempts", attempts, 1)
         start = _start(arm, q0)
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        resolved = self._task(arm, task)
         search, engine = self._search(arm, rigid_matrix("target", target), start, rng, resolved, None, None)
         # attempts until enough distinct solutions are found
         kept: list[AnyCandidate] = []

@@ -22,7 +22,7 @@ from pinproof.errors import InputError
 from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.reach_check import BodyOverlap, Loop, Steps, check_exclusion, excluded_boxes
 from pinproof.ik.result import IkAnswer, judge
-from pinproof.ik.task import make_task
+from pinproof.ik.task import make_task, orientation_tolerance_of
 from pinproof.model import AT_LIMIT, Arm
 from pinproof.spatial import SE3, Array, rigid
 from pinproof.units import far_hint
@@ -159,7 +159,7 @@ def prove_unreachable(
     target: SE3 | npt.ArrayLike,
     *,
     position_tolerance: float = 1e-6,
-    orientation_tolerance: float = 1e-6,
+    orientation_tolerance: float | None = None,
     budget: int = BUDGET,
     search: bool = True,
     rng: Rng = 0,
@@ -179,7 +179,8 @@ def prove_unreachable(
     target
         ``base_from_tcp``, as ``pin.SE3`` or (4, 4).
     position_tolerance, orientation_tolerance
-        In m and rad: IMPOSSIBLE means that no pose within both tolerances is reachable.
+        In m and rad: IMPOSSIBLE means that no pose within both tolerances is reachable. The angle is by default that
+        of :class:`pinproof.Clik`.
     budget
         Largest number of boxes that are examined.
     search
@@ -203,6 +204,7 @@ def prove_unreachable(
     # what the proof supports
     require_type("arm", arm, Arm)
     require_positive("position_tolerance", position_tolerance)
+    orientation_tolerance = orientation_tolerance_of(arm, orientation_tolerance, usual=1e-6)
     require_positive("orientation_tolerance", orientation_tolerance)
     require_integer("budget", budget, 1)
     unsupported = _unsupported(arm)

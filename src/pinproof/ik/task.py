@@ -26,7 +26,7 @@ import numpy.typing as npt
 from pinproof._core import Goal as CompiledGoal
 from pinproof._core import Task as CompiledTask
 from pinproof.common.structs import described, key
-from pinproof.common.validation import require_positive
+from pinproof.common.validation import require_positive, require_type
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.spatial import Array, finite, unit_vector
@@ -108,6 +108,19 @@ class Task:
             tolerance if counts else math.inf for tolerance, counts in zip(tolerances, self.counted, strict=True)
         )
         return position, orientation
+
+
+SHORT_ARM = 1e-4
+"""rad: the orientation tolerance of arms with fewer than six joints, if none is stated. They reach few poses exactly,
+and none of those that they should if the numbers of their description are rounded, such as 1.57079 for pi/2."""
+
+
+def orientation_tolerance_of(arm: Arm, stated: float | None, usual: float) -> float:
+    """The stated orientation tolerance (rad); without one the usual one, or :data:`SHORT_ARM` for such an arm."""
+    require_type("arm", arm, Arm)
+    if stated is not None:
+        return stated
+    return usual if arm.dof >= len(COORDINATES) else max(usual, SHORT_ARM)
 
 
 def make_task(task: TaskLike, position_tolerance: float, orientation_tolerance: float) -> Task:

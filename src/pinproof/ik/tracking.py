@@ -14,7 +14,7 @@ from pinproof.common.structs import described, key
 from pinproof.common.validation import freeze_arrays, require_positive, require_type
 from pinproof.errors import InputError
 from pinproof.ik.result import NEAR_LIMIT, IkAnswer
-from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task
+from pinproof.ik.task import GoalName, IkGoal, Task, TaskLike, make_goal, make_task, orientation_tolerance_of
 from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, Array, finite, matrix, rigid, rigid_many
@@ -165,7 +165,7 @@ def track(
     task: TaskLike = "pose",
     goal: GoalName | IkGoal | None = None,
     position_tolerance: float = 1e-6,
-    orientation_tolerance: float = 1e-6,
+    orientation_tolerance: float | None = None,
 ) -> TrackResult:
     """Compute joint motions that track a sequence of poses within position and speed limits.
 
@@ -199,7 +199,7 @@ def track(
         Null-space objective, as for :meth:`pinproof.Clik.solve`; it never increases the error of the task. Its gain is
         per second here. ``"near"`` refers to q0.
     position_tolerance, orientation_tolerance
-        In m and rad: a sample within both counts as reached.
+        In m and rad: a sample within both counts as reached. The angle is by default that of :class:`pinproof.Clik`.
 
     Raises
     ------
@@ -253,7 +253,7 @@ class Tracker:
         task: TaskLike = "pose",
         goal: GoalName | IkGoal | None = None,
         position_tolerance: float = 1e-6,
-        orientation_tolerance: float = 1e-6,
+        orientation_tolerance: float | None = None,
     ) -> None:
         require_positive("dt", dt)
         self.arm, self.dt = arm, float(dt)
@@ -315,12 +315,13 @@ class _CompiledTracking:
         task: TaskLike,
         goal: GoalName | IkGoal | None,
         position_tolerance: float,
-        orientation_tolerance: float,
+        orientation_tolerance: float | None,
     ) -> None:
         require_type("arm", arm, Arm)
         require_positive("position_tolerance", position_tolerance)
-        require_positive("orientation_tolerance", orientation_tolerance)
-        self.task: Task = make_task(task, position_tolerance, orientation_tolerance)
+        orientation = orientation_tolerance_of(arm, orientation_tolerance, usual=1e-6)
+        require_positive("orientation_tolerance", orientation)
+        self.task: Task = make_task(task, position_tolerance, orientation)
         self.start = arm.limits.snap(arm.configuration(q0, "q0"))
         # the speed limits of each joint: all must be known
         given = arm.limits.velocity if velocity is None else velocity

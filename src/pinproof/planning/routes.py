@@ -31,7 +31,7 @@ from pinproof._core import RouteFollower as CompiledFollower
 from pinproof._core import RoutePiece, RouteSegment
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError
-from pinproof.ik import NEAR_LIMIT, IkTask, TaskName, make_task, track
+from pinproof.ik import NEAR_LIMIT, IkTask, TaskName, make_task, orientation_tolerance_of, track
 from pinproof.model import Arm
 from pinproof.motion import REVERSAL, CubicPath, corner_spacing
 from pinproof.planning.plan_results import LinearStatus
@@ -45,7 +45,8 @@ MIN_LENGTH: float = RouteSegment.MIN_LENGTH
 # Two unit vectors are opposite if the norm of their sum is below this. The smallest rotation is then not unique, and
 # the orientation of the target is used.
 OPPOSITE = 1e-9
-# Position (m) and orientation (rad) error at which a pose of the route counts as reached.
+# Position (m) and orientation (rad) error at which a pose of the route counts as reached; for arms of fewer than six
+# joints, the orientation has the tolerance of their IK.
 POSE_TOLERANCE = 1e-6
 # Excess over a joint limit (rad or m) that is attributed to floating-point errors.
 ROUNDING = 1e-9
@@ -241,6 +242,10 @@ class RouteFollower:
         knots, control = path.bezier()
         return np.asarray(self._compiled.deviations(route.compiled, knots, np.ascontiguousarray(control)))
 
+    @property
+    def _tolerances(self) -> tuple[float, float]:
+        return POSE_TOLERANCE, orientation_tolerance_of(self.arm, None, usual=POSE_TOLERANCE)
+
     @cached_property
     def _compiled(self) -> CompiledFollower:
         limits = self.arm.limits
@@ -248,7 +253,7 @@ class RouteFollower:
             chain=self.arm.chain,
             lower=limits.lower,
             upper=limits.upper,
-            task=make_task(self.task, POSE_TOLERANCE, POSE_TOLERANCE).compiled,
+            task=make_task(self.task, *self._tolerances).compiled,
             max_joint_step=self.max_joint_step,
             translation_step=self.translation_step,
             rotation_step=self.rotation_step,
@@ -268,8 +273,8 @@ class RouteFollower:
             dt=1.0,
             velocity=ANY_STEP,
             task=self.task,
-            position_tolerance=POSE_TOLERANCE,
-            orientation_tolerance=POSE_TOLERANCE,
+            position_tolerance=self._tolerances[0],
+            orientation_tolerance=self._tolerances[1],
         )
         step = np.abs(ahead.q[0] - here)
         short = (

@@ -35,7 +35,7 @@ SAME = 1e-5
 
 def solved(arm, q, least=1e-6, tolerance=SAME):
     """The branches of the targets of q, each of which is among them unless it is singular."""
-    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    found = pp.AnalyticIk(orientation_tolerance=1e-9).solve_all_batch(arm, arm.forward_kinematics_batch(q))
     regular = np.array([conditioning(arm, one) > least for one in q])
     assert (misses(arm, found.q, q)[regular] < tolerance).all()
     return found, regular

@@ -420,7 +420,7 @@ def _settle(arm: Arm, tool: Tool, layout: Layout, box: Workpiece | None, file: P
         sides = " x ".join(f"{side:.2f}" for side in layout.size)
         raise InputError(
             f"{arm.robot.name!r} reaches no free area of {sides} m with {arm.tcp!r} pointing down; state fewer parts "
-            "(--count, count=), a smaller bin, or another tcp (--tcp, tcp=)"
+            f"(--count, count=), a smaller bin, or another tcp (--tcp, tcp=){station.down_hint(arm, rng)}"
         )
     # The first area with a home in which the tip reaches every part and its place; otherwise that with most of them
     best: Settled | None = None

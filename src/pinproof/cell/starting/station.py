@@ -37,6 +37,10 @@ SAMPLES, HEIGHTS, CELLS, SPINS = 2000, 7, 28, 4
 """Numbers of random configurations that bound the region of the tip, and of heights, cells along a side, and rotations
 about the vertical at which its reach is examined."""
 
+NEARLY_DOWN, MORE_OFTEN = 0.97, 3
+"""The least cosine of the angle of an axis that points down, and how much more often than z another one does if it is
+the axis along which the tool grasps."""
+
 ABOVE = 0.02
 """Metres of the tip above a plane at which reach is examined."""
 
@@ -75,12 +79,17 @@ def _hulls(geometry: LinkGeometry) -> list[PlacedSurface]:
 
 
 def hand_points(arm: Arm, tool: Tool) -> tuple[Array, Array]:
-    """(N, 3) points in the frame of the tip whose hull contains the open hand, and those of it at any opening."""
+    """(N, 3) points in the frame of the tip whose hull contains the open hand, and those of it at any opening.
+
+    Of a hand without bodies, the tip.
+    """
     links, joints = HandLinks(arm), arm.robot.urdf.joints
     ends = {name: (joints[name].lower or 0.0, joints[name].upper or 0.0) for name in tool.grip}
     arms = [arm.with_held({name: low + share * (high - low) for name, (low, high) in ends.items()}) for share in SHARES]
     bodies = [PlacedSurface(LineSurface.of_obstacle(body), body.pose).points for body in tool.open_tool]
     open_hand = np.concatenate([links.points(arm, links.bodies), *bodies])
+    if not len(open_hand):  # a hand without collision geometry
+        open_hand = tool.tip.translation[np.newaxis]
     every = np.concatenate([open_hand, *(links.points(each, links.bodies) for each in arms)])
     back = tool.tip.inverse()
     return open_hand @ back.rotation.T + back.translation, every @ back.rotation.T + back.translation
@@ -244,6 +253,25 @@ def work_areas(checker: CollisionChecker, tip: SE3, size: Array, lift: float, ar
                 x, y = middle[np.unravel_index(score.argmax(), score.shape)].round(3).tolist()
                 found.append((float(score.max()), pose([x, y, height], [0.0, 0.0, turn])))
     return [area for _, area in sorted(found, key=lambda rated: -rated[0])]
+
+
+ALONG = {"x": "[0, pi/2, 0] or [0, -pi/2, 0]", "y": "[-pi/2, 0, 0] or [pi/2, 0, 0]", "z": "[pi, 0, 0]"}
+"""Roll, pitch and yaw of a tip whose z axis is an axis of the tcp, or opposite to it."""
+
+
+def down_hint(arm: Arm, rng: int) -> str:
+    """Which axis of the tcp points up or down much more often than z points down, and the tip for it; else empty."""
+    sampled = np.random.default_rng(rng).uniform(*arm.limits.sampling_range(), (SAMPLES, arm.dof))
+    upwards = (arm.root_from_base.homogeneous @ arm.forward_kinematics_batch(sampled))[:, 2, :3]
+    often = (np.abs(upwards) > NEARLY_DOWN).sum(axis=0)
+    axis = int(often.argmax())
+    if often[axis] <= MORE_OFTEN * (upwards[:, 2] < -NEARLY_DOWN).sum():
+        return ""
+    name = "xyz"[axis]
+    return (
+        f". A tool grasps along z of its tip, and z of {arm.tcp!r} rarely points down, but its {name} axis does in one "
+        f"direction: state a tool file (--tool, tool=) with `tip: {{rpy: ...}}`, {ALONG[name]}"
+    )
 
 
 def find_home(checker: CollisionChecker, tip: SE3, area: SE3, lift: float, rng: int) -> tuple[Array, str] | None:

@@ -149,10 +149,15 @@ def every_branch(task: PickTask, root_from_tip: SE3, wanted: bool = True) -> Arr
     return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
 
 
+SMALL = 0.05
+"""mm and deg: errors below are stated with two digits, so that none appears as zero."""
+
+
 def out_of_reach(task: PickTask, stage: Stage, target: SE3, seed: int, what: str, where: str) -> StageResult:
     """The failure at a target ``base_from_tcp``, with the error of the nearest configuration found."""
     nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
-    error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+    off = nearest.position_error * 1e3, float(np.degrees(nearest.orientation_error))
+    error = "{} mm and {} deg".format(*(f"{each:.1f}" if each >= SMALL or not each else f"{each:.2g}" for each in off))
     figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
     message = f"{what}: the nearest configuration found is {error} from {where}"
     return StageResult(stage, False, message, figures)

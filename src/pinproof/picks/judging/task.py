@@ -264,6 +264,14 @@ def check_held_joints(arm: Arm, picks: Picks) -> None:
         raise InputError(
             f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
         )
+    # Fingers without geometry never touch a part
+    urdf = arm.robot.urdf
+    if picks.grip and not any(moved_by(urdf, geometry.link, picks.grip) for geometry in urdf.collisions):
+        links = ", ".join(link for link in urdf.links if moved_by(urdf, link, picks.grip))
+        raise InputError(
+            f"{', '.join(picks.grip)} moves no link with collision geometry ({links}), so no contact with a part can "
+            "be found; add <collision> to these links in the URDF, or state the fingers as bodies (`fingers`)"
+        )
     moving = (*arm.joint_names, *arm.followers)
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:

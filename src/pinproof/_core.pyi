@@ -444,6 +444,7 @@ class ClosedForm:
         reference: NDArray[numpy.float64],
         locked_values: NDArray[numpy.float64] | None = None,
     ) -> Branches | None: ...
+    def solve_here(self, target: NDArray[numpy.float64], reference: NDArray[numpy.float64]) -> Branches | None: ...
     def solve_batch(
         self,
         targets: NDArray[numpy.float64],

@@ -25,19 +25,20 @@ struct BranchList : BranchSummary {
 };
 
 BranchList sorted_list(const Branches& found, const double* reference, std::size_t dof) {
-    int order[Branches::kMost];
-    double distance[Branches::kMost] = {};
+    double distance[Branches::kMost];
     for (int i = 0; i < found.count; ++i) {
-        order[i] = i;
+        distance[i] = 0.0;
         for (std::size_t j = 0; j < dof; ++j)
             distance[i] = std::max(distance[i], std::abs(found.branch[i].q[j] - reference[j]));
     }
-    // Few branches: an insertion sort, which is stable.
-    for (int i = 1; i < found.count; ++i)
-        for (int k = i; k > 0 && distance[order[k]] < distance[order[k - 1]]; --k) std::swap(order[k], order[k - 1]);
-    BranchList list{found, dof, {}};
-    list.branches.reserve(found.count);
-    for (int i = 0; i < found.count; ++i) list.branches.push_back(found.branch[order[i]]);
+    BranchList list{found, dof, std::vector<Branch>(found.count)};
+    // The place of each in the order, of equal ones the first first: for few branches faster than a sort, whose jumps depend
+    // on the distances.
+    for (int i = 0; i < found.count; ++i) {
+        int place = 0;
+        for (int k = 0; k < found.count; ++k) place += k < i ? distance[k] <= distance[i] : distance[k] < distance[i];
+        list.branches[place] = found.branch[i];
+    }
     return list;
 }
 
@@ -99,6 +100,12 @@ class ClosedForm {
         const double* locked = locked_values ? shaped("locked_values", *locked_values, {plan_.locked.size()}).data() : nullptr;
         if (!solver_.solve(matrix, near, locked, found_)) return std::nullopt;
         return sorted_list(found_, near, plan_.dof());
+    }
+
+    // The same without locked joints; also None if joints are free and no branch has their values of the reference.
+    std::optional<BranchList> solve_here(const Matrix& target, const Vector& reference) {
+        std::optional<BranchList> found = solve(target, reference, std::nullopt);
+        return found && found->branches.empty() && found->free_joints ? std::nullopt : std::move(found);
     }
 
     nb::tuple solve_batch(const Stack& targets, const Matrix& references, const Stack& values, std::size_t capacity,
@@ -297,6 +304,9 @@ void bind_closed_form(nb::module_& module) {
         .def("without_limits", &without_limits, nb::rv_policy::take_ownership)
         .def("solve", &ClosedForm::solve, "target"_a, "reference"_a, "locked_values"_a = nb::none(),
              "The branches for a homogeneous matrix (4, 4); None if it is not rigid.")
+        .def("solve_here", &ClosedForm::solve_here, "target"_a, "reference"_a,
+             "The same without locked joints; also None if joints are free and no branch has their values of the "
+             "reference.")
         .def("solve_batch", &ClosedForm::solve_batch, "targets"_a, "references"_a, "values"_a, "capacity"_a,
              "threads"_a = 1,
              "q (N, v, k, n), errors (N, v, k, 2), counts, solutions outside the limits and whether all are known "

@@ -188,6 +188,7 @@ void ClosedFormSolver::close_loop() {
     }
     loop_.moved_point = rest_inverse * loop_.point;
     loop_.moved_normal = rest_inverse.rotation * loop_.normal;
+    loop_.perpendicular = unit_perpendicular(loop_.probed().direction);
 }
 
 bool ClosedFormSolver::solve(const double* target, const double* reference, const double* locked_values, Branches& out) {
@@ -229,7 +230,7 @@ bool ClosedFormSolver::solve(const double* target, const double* reference, cons
 // The indices in q of a set of lines.
 unsigned ClosedFormSolver::indices_of(unsigned lines) const {
     unsigned indices = 0;
-    for (int row = 0; row < 6; ++row)
+    for (int row = 0; lines >> row; ++row)
         if (lines >> row & 1u && !plan_.joints[source_[row]].is_virtual())
             indices |= 1u << plan_.joints[source_[row]].index;
     return indices;

@@ -43,6 +43,12 @@ struct Loop {
     Vec3 normal, moved_normal;  // n of a planar triple, likewise
     bool reversed;              // the triple is solved from its last joint
     Transform rest;             // G
+    Vec3 perpendicular;         // unit, to the probed line
+
+    // The first and the last joint of the triple are prismatic: the middle one is the rotation of W.
+    bool between_prismatic() const { return line[kFirst].prismatic && line[kLast].prismatic; }
+    // The line of the triple whose motion by W is computed.
+    const Line& probed() const { return line[between_prismatic() ? kMiddle : kLast]; }
 };
 
 struct LoopTolerances {

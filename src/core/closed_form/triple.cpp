@@ -28,7 +28,7 @@ class Triple {
 
     void solve() {
         move_probes();
-        if (between_prismatic()) {
+        if (loop_.between_prismatic()) {
             one_middle(align(g_.direction, motion_.direction, motion_.seen).state, 0);
             return;
         }
@@ -43,9 +43,6 @@ class Triple {
     }
 
   private:
-    // The first and the last joint are prismatic: the middle one is the rotation of W.
-    bool between_prismatic() const { return f_.prismatic && l_.prismatic; }
-
     Vec3 backward_through_outer(const Vec3& v) const {
         const Line &a = loop_.line[Loop::kA], &b = loop_.line[Loop::kB], &c = loop_.line[Loop::kC];
         const Vec3 before_a = move_direction(a, outer_.a, Sense::backward, v);
@@ -54,11 +51,11 @@ class Triple {
 
     void move_probes() {
         const Line &a = loop_.line[Loop::kA], &b = loop_.line[Loop::kB], &c = loop_.line[Loop::kC];
-        const Line& probed = between_prismatic() ? g_ : l_;
+        const Line& probed = loop_.probed();
         const Transform& rest = loop_.rest;
         TripleMotion& w = motion_;
         w.point = w.goal = probed.point;
-        w.direction = unit_perpendicular(probed.direction);
+        w.direction = loop_.perpendicular;
         w.top = l_.direction;
         if (loop_.reversed) {
             const auto forward = [&](const Vec3& p) {
@@ -124,15 +121,19 @@ class Triple {
 
     // Complete a root of the middle joint.
     void one_middle(const JointState& middle, int root) {
-        LoopSolution one;
+        if (out_.count == LoopSolutions::kMost) {
+            out_.doubtful = true;
+            return;
+        }
+        LoopSolution& one = out_.solution[out_.count];
         one.free = outer_.free | free_;
         one.assumed = outer_.assumed | assumed_;
         ErrorBound middle_error;
-        if (!between_prismatic() && !(one.free & 1u << Loop::kMiddle))
+        if (!loop_.between_prismatic() && !(one.free & 1u << Loop::kMiddle))
             middle_error = root_error(equation_, middle, equation_error_);
         one.error = outer_.error.tolerance + middle_error.tolerance;
         JointState first, last;
-        if (between_prismatic()) {
+        if (loop_.between_prismatic()) {
             if (!share_translation(middle, first, last, one)) return;
         } else {
             first_joint(middle, middle_error.rounding, first, one);
@@ -141,12 +142,13 @@ class Triple {
             last = align(l_.direction, motion_.direction, left).state;
         }
         one.number = {2 * outer_.root + root, outer_.assumed != 0, one.assumed != outer_.assumed};
-        const JointState states[6] = {first, middle, last, outer_.a, outer_.b, outer_.c};
-        std::copy(states, states + 6, one.state);
-        if (out_.count == LoopSolutions::kMost)
-            out_.doubtful = true;
-        else
-            out_.solution[out_.count++] = one;
+        one.state[Loop::kFirst] = first;
+        one.state[Loop::kMiddle] = middle;
+        one.state[Loop::kLast] = last;
+        one.state[Loop::kA] = outer_.a;
+        one.state[Loop::kB] = outer_.b;
+        one.state[Loop::kC] = outer_.c;
+        ++out_.count;
     }
 
     // W o_g - o_g = q_f d_f + q_l R_g d_l, in the plane; false if both prismatic joints have the same direction.

@@ -131,6 +131,10 @@ class IkBranches(IkAnswer):
         (v, 2) of two.
     """
 
+    # Values of most results, which the constructor does not set again: it takes a tenth of the time of a solution.
+    grid: Array | None = None
+    intervals: tuple[Interval, ...] = ()
+    _swept = True
     _branches: Array | None = None  # computed when first read
     _selected: tuple[int, ...] | None = None  # the indices that remain of all branches; None for all
 
@@ -146,8 +150,9 @@ class IkBranches(IkAnswer):
         *,
         swept: bool = True,
     ) -> None:
-        self.arm, self._plan, self._stated, self.reference = arm, plan, target, reference
-        self._found, self.grid, self.intervals, self._swept = found, grid, intervals, swept
+        self.arm, self._plan, self._stated, self.reference, self._found = arm, plan, target, reference, found
+        if grid is not None:
+            self.grid, self.intervals, self._swept = grid, intervals, swept
 
     @cached_property
     def target(self) -> Array:

@@ -112,8 +112,10 @@ class AnalyticIk:
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
             target = np.array(rigid("target", target, batch="solve_batch, or solve_all_batch,").homogeneous)
-        if not plan.redundant and redundant_values is None:
-            return IkBranches.solved(arm, plan, target, reference)
+        if redundant_values is None and not plan.redundant:
+            if (found := plan.core.solve_here(target, reference)) is None:
+                return IkBranches.solved(arm, plan, target, reference)
+            return IkBranches(arm, plan, target, reference, found)
         swept = redundant_values is None
         grid = self._grid(arm, plan, reference) if redundant_values is None else _stated(arm, plan, redundant_values)
         target = np.array(rigid("target", target).homogeneous)

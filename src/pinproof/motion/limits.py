@@ -31,7 +31,7 @@ to six digits."""
 
 # Rounding errors of a position, in units in the last place. In a piece of nanoseconds, such as between the points of
 # two motions that are combined, they are accelerations of thousands of rad/s^2.
-ROUNDINGS = 4
+ROUNDINGS, EPSILON = 4, float(np.finfo(float).eps)
 # rad or m, or per s: the sum of what these errors may change positions, or speeds, in all pieces that they decide.
 IMPULSE = 0.01
 
@@ -261,38 +261,47 @@ def check_limits(curve: Curve, limits: JointLimits) -> LimitCheck:
     ranges: list[tuple[Quantity, Array, Array]] = [("position", limits.lower, limits.upper)]
     if timed:
         ranges += [("velocity", -velocity, velocity), ("acceleration", -acceleration, acceleration)]
-    pieces = Bezier(*curve.bezier())
-    knots, control = pieces
+    pieces = whole = Bezier(*curve.bezier())
+    knots, control = whole
     width = np.diff(knots)[:, None]
-    rounding = np.full((len(width), 1), ROUNDINGS * np.finfo(float).eps) * np.abs(control).max(axis=(0, 1))
-    jump = np.zeros_like(rounding, dtype=bool)
+
+    def rounding(order: int) -> Array:
+        """(k, n) the rounding errors of a derivative of the pieces: each one divides them by the width of the piece."""
+        errors = np.full((len(width), 1), ROUNDINGS * EPSILON) * np.abs(whole.control).max(axis=(0, 1))
+        for degree in range(whole.degree, whole.degree - order, -1):
+            rise = 2.0 * max(degree, 0) * errors
+            errors = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+        return errors
+
     checked: list[Quantity] = []
     violations: list[LimitViolation] = []
     for order, (quantity, low, high) in enumerate(ranges):
+        jump: npt.NDArray[np.bool_] | None = None
         if order:
-            # The pieces of the next derivative. The acceleration is infinite where the velocity jumps.
-            if order == 2:
-                step = np.abs(control[1:, 0] - control[:-1, -1])
+            # The acceleration is infinite where the velocity jumps by more than its rounding errors.
+            if order == 2 and (large := (step := np.abs(control[1:, 0] - control[:-1, -1])) > LIMIT_TOLERANCE).any():
+                errors = rounding(1)
                 jump = np.zeros((len(width), len(names)), dtype=bool)
-                jump[1:] = step > LIMIT_TOLERANCE + rounding[1:] + rounding[:-1]
-            rise = 2.0 * pieces.degree * rounding
-            rounding = np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+                jump[1:] = large & (step > LIMIT_TOLERANCE + errors[1:] + errors[:-1])
+            # The pieces of the next derivative.
             pieces = curve.derivative(order) if isinstance(curve, BezierCurve) else pieces.derivative()
-            control = pieces.control
-            if not np.isfinite(high).any():
-                continue
+        control = pieces.control
+        if order and not np.isfinite(high).any():
+            continue
         checked.append(quantity)
         slack = LIMIT_TOLERANCE * (np.where(np.isfinite(high), high, 0.0) if order else np.ones(len(names)))
-        least, most = control.min(axis=1), control.max(axis=1)
         # Most pieces are inside by their control points; only of the others are the extremes computed.
-        near = np.flatnonzero(~((least >= low - slack) & (most <= high + slack) & ~jump).all(axis=1))
+        inside = (control.min(axis=1) >= low - slack) & (control.max(axis=1) <= high + slack)
+        if jump is not None:
+            inside &= ~jump
+        near = np.flatnonzero(~inside.all(axis=1))
         if not len(near):
             continue
         least, most = extremes(control[near])
-        most = np.where(jump[near], np.inf, most)
+        most = most if jump is None else np.where(jump[near], np.inf, most)
         excess = np.maximum(low - least, most - high)
         # An excess that rounding explains is allowed if all of it together has almost no effect.
-        tiny = (excess > slack) & (excess <= slack + rounding[near])
+        tiny = (excess > slack) & (excess <= slack + rounding(order)[near])
         tiny &= (np.where(tiny, excess, 0.0) * width[near]).sum(axis=0) <= IMPULSE
         outside = ~(excess <= slack) & ~tiny  # also true for NaN
         for joint in np.flatnonzero(outside.any(axis=0)):

@@ -272,7 +272,8 @@ def read_ends(
         return np.asarray(rows[checker.is_free_batch(many[rows])]).tolist()
 
     rows = valid()
-    coarse = tuple(many[np.setdiff1d(np.flatnonzero(inside), rows)]) if rows else ()
+    free = set(rows)
+    coarse = tuple(q for row, q in enumerate(many) if inside[row] and row not in free) if rows else ()
     if not rows:
         for goal, ok in zip(given, inside, strict=False):  # finer bodies are no remedy for what else is violated
             checker = checker.finer_at(goal) if ok else checker

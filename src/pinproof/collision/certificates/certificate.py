@@ -77,6 +77,7 @@ class _KnownSetup:
     read: list[FileStamp]  # the files when the checker read them
     notes: list[str]
     held: list[str]  # the note on held joints, which is the last one
+    files: frozenset[str]  # all of these
     stamps: tuple[FileStamp | None, ...] | None = None  # the present files for which the hash holds
     hash: str = ""
 
@@ -95,9 +96,7 @@ def setup_of(checker: CollisionChecker) -> Setup:
     known = _known.get(checker)
     if known is None:
         known = _known[checker] = _known_setup(checker)
-    now = {
-        path: present_stamp(path) for path in {*known.paths, *(file.path for file in known.read)} if path is not None
-    }
+    now = {path: present_stamp(path) for path in known.files}
     stamps = tuple(None if path is None else now[path] for path in known.paths)
     changed = tuple(file for file in known.read if now[file.path] != file)
     if known.stamps != stamps:
@@ -141,11 +140,11 @@ def _known_setup(checker: CollisionChecker) -> _KnownSetup:
     held = [f"{name} = {value:g}" for name, value in arm.held.items()]
     paths: list[str | Path | None] = [each.mesh.path for each in arm.robot.urdf.collisions if each.mesh is not None]
     paths += [each.shape.path for each in objects if isinstance(each.shape, Mesh)]
+    named = [None if path is None else os.fspath(path) for path in paths]
+    read = list(dict.fromkeys(body.file for body in bodies if body.file is not None))
+    files = frozenset(path for path in (*named, *(file.path for file in read)) if path is not None)
     return _KnownSetup(
-        [None if path is None else os.fspath(path) for path in paths],
-        list(dict.fromkeys(body.file for body in bodies if body.file is not None)),
-        notes,
-        [f"joints outside the arm are held fixed: {_some(held)}"] if held else [],
+        named, read, notes, [f"joints outside the arm are held fixed: {_some(held)}"] if held else [], files
     )
 
 

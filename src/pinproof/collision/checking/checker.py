@@ -338,6 +338,8 @@ class CollisionChecker(CheckedBodies, Changeable, Shown):
         return self._derived(spec) if same and settings == self._rules[1:] else type(self).of(spec)
 
     def _changed(self, key: Hashable = None, **changes: object) -> CollisionChecker:
+        if key is not None and key in self._kept:
+            return self._kept[key]
         # In other surroundings, pairs that were left out are checked again even if the surroundings are equal.
         return self._derived(self._spec._changed(**changes), key, assemble="scene" in changes)
 

@@ -401,8 +401,9 @@ class JointGroup(Identified):
         model = reduced_model(self.robot.urdf, self.robot._model, {*self.joint_names, *self.followers}, values)
         if self._has_joints_of(model):
             # Only links on held joints, such as those of a hand, are elsewhere.
-            other = copy(self)
-            other.__dict__.update(held=ReadOnlyDict(values, HELD_READ_ONLY), _model=model, _threads=threading.local())
+            other: Group = object.__new__(type(self))
+            changed = {"held": ReadOnlyDict(values, HELD_READ_ONLY), "_model": model, "_threads": threading.local()}
+            other.__dict__.update(self.__getstate__() | changed)
             other.__dict__.pop("arms", None)
             return other
         if isinstance(self, Arm):
@@ -412,13 +413,28 @@ class JointGroup(Identified):
     def _has_joints_of(self, model: Any) -> bool:
         """Whether the joints, bases and tcps of another reduced model of the robot are placed as in :attr:`model`."""
         own = self._model
-        joints = zip(own.jointPlacements, model.jointPlacements, strict=True)
-        numbers = [self._frame_id(name) for ends in self.ends.values() for name in ends]
-        frames = [(own.frames[i], model.frames[i]) for i in numbers]
-        return all(one == other for one, other in joints) and all(
-            (one.name, one.parentJoint) == (other.name, other.parentJoint) and one.placement == other.placement
+        frames = [(own.frames[i], model.frames[i]) for i in self._end_frames]
+        return list(own.jointPlacements) == list(model.jointPlacements) and all(
+            one.placement == other.placement and one.parentJoint == other.parentJoint and one.name == other.name
             for one, other in frames
         )
+
+    @cached_property
+    def _end_frames(self) -> list[int]:
+        """The frames in :attr:`model` of the bases and tcps."""
+        return [self._frame_id(name) for ends in self.ends.values() for name in ends]
+
+    @cached_property
+    def joints_key(self) -> tuple[object, ...]:
+        """What the joints of :attr:`model` depend on; groups that differ in held joints without influence share it."""
+        model = self._model
+        places = b"".join([model.jointPlacements[k].homogeneous.tobytes() for k in range(1, model.njoints)])
+        return tuple(model.names), places, self.scale.tobytes(), self.offset.tobytes()
+
+    def place_of_frame(self, number: int) -> tuple[int, pin.SE3]:
+        """Return the joint of :attr:`model` that moves a frame, and the placement of the frame on it."""
+        frame = self._model.frames[number]
+        return int(frame.parentJoint), frame.placement
 
     def model_configuration(self, q: Array) -> Array:
         """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""

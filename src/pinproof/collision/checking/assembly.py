@@ -87,7 +87,7 @@ class _Joints(NamedTuple):
     """The joints of an arm's robot in the compiled core."""
 
     tree: JointTree
-    aligned: Sequence[pin.SE3]  # the rotation of each frame that has the axis of its joint along z
+    to_axis: Sequence[pin.SE3]  # of the root and each joint: turns its frame so that the axis is along z
     frames: Mapping[str, int]  # of the links in the reduced model
 
 
@@ -97,33 +97,32 @@ _JOINTS: WeakKeyDictionary[Robot, dict[Any, _Joints]] = WeakKeyDictionary()
 class _Frames(dict[str, tuple[int, pin.SE3]]):
     """The joint that moves each link (-1: none), and its placement there, on demand."""
 
-    def __init__(self, model: Any, joints: _Joints) -> None:
+    def __init__(self, arm: JointGroup, joints: _Joints) -> None:
         super().__init__()
-        self._model, self._joints = model, joints
+        self._arm, self._joints = arm, joints
 
     def __missing__(self, link: str) -> tuple[int, pin.SE3]:
-        frame = self._model.frames[self._joints.frames[link]]
-        k = int(frame.parentJoint) - 1
-        self[link] = k, pin.SE3(frame.placement) if k < 0 else self._joints.aligned[k].inverse() * frame.placement
-        return self[link]
+        joint, placement = self._arm.place_of_frame(self._joints.frames[link])
+        found = joint - 1, self._joints.to_axis[joint] * placement
+        self[link] = found
+        return found
 
 
 @lru_cache(maxsize=ARMS_KEPT)
 def _joints(arm: JointGroup) -> tuple[JointTree, _Frames]:
     """Return the joints, whose axis is z, and the joint of each link with the placement of the link on it."""
-    model = arm.model
     # Held joints, such as those of a hand, mostly move links and no other joint.
-    places = b"".join([model.jointPlacements[k].homogeneous.tobytes() for k in range(1, model.njoints)])
-    key = tuple(model.names), places, arm.scale.tobytes(), arm.offset.tobytes()
-    known = _JOINTS.setdefault(arm.robot, {})
+    known, key = _JOINTS.setdefault(arm.robot, {}), arm.joints_key
     if key not in known:
         if len(known) >= ARMS_KEPT:
             known.clear()
-        known[key] = _make_joints(arm, model)
-    return known[key].tree, _Frames(model, known[key])
+        known[key] = _make_joints(arm)
+    joints = known[key]
+    return joints.tree, _Frames(arm, joints)
 
 
-def _make_joints(arm: JointGroup, model: Any) -> _Joints:
+def _make_joints(arm: JointGroup) -> _Joints:
+    model = arm.model
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
     prismatic = (~columns[3:].any(axis=0)).tolist()
@@ -144,7 +143,8 @@ def _make_joints(arm: JointGroup, model: Any) -> _Joints:
     for i, frame in enumerate(model.frames):
         if frame.type == pin.FrameType.BODY:
             links.setdefault(frame.name, i)
-    return _Joints(JointTree(joints, arm.dof), aligned, links)
+    to_axis = [pin.SE3.Identity(), *(turned.inverse() for turned in aligned)]
+    return _Joints(JointTree(joints, arm.dof), to_axis, links)
 
 
 def only_arm(group: JointGroup) -> Arm:

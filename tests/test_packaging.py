@@ -15,20 +15,27 @@ import subprocess
 import sys
 import venv
 import zipfile
+from collections.abc import Iterator
 from email import message_from_bytes
 from filecmp import cmp
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
+from struct import pack
+from threading import Thread
+from typing import Any
 
 import pytest
 import yaml
+from check_macos_core import faults, read_macho
 from packaging.requirements import Requirement
 
 import pinproof as pp
 from pinproof import _core
 from pinproof.core_import import source_hash
 
-from .pages import ROOT, blocks
+from .pages import ROOT, blocks, commands
 from .processes import PATIENCE
 
 SMOKE = ROOT / "tests" / "smoke.py"
@@ -122,19 +129,59 @@ def link_requirements(wheel: Path, site: Path) -> None:
                 (site / top).symlink_to(Path(str(package.locate_file(top))))
 
 
-def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
-    home = tmp_path / "clean"
-    venv.create(home)
-    python = home / "bin" / "python"
+@pytest.fixture
+def local_index(wheel: Path, tmp_path: Path) -> Iterator[str]:
+    """The address of a package index on this computer, which has the wheel and nothing else."""
+    folder = tmp_path / "index" / "pinproof"  # the listing of this folder is the page of the package
+    folder.mkdir(parents=True)
+    (folder / wheel.name).symlink_to(wheel)
+
+    class Silent(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=str(folder.parent))) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/"
+        server.shutdown()
+
+
+@pytest.mark.slow
+def test_the_first_commands_of_the_readme_work_in_a_clean_environment_without_a_compiler(
+    wheel: Path, local_index: str, tmp_path: Path
+) -> None:
+    home, folder = tmp_path / "clean", tmp_path / "reader"
+    venv.create(home, with_pip=True)
+    folder.mkdir()
     (site,) = home.glob("lib/python*/site-packages")
     link_requirements(wheel, site)
-    run(*UV, "pip", "install", "--quiet", "--no-deps", "--offline", "--python", python, wheel, cwd=tmp_path)
-    assert wheel.name.split("-")[1] in run(python, "-I", SMOKE, cwd=tmp_path)
-    run(sys.executable, "-m", "pip", "--python", python, "check", cwd=tmp_path)  # uv does not follow the links
-    report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "pick.html", "--json", cwd=tmp_path))
+    first = blocks(ROOT / "README.md", "sh")[0]
+    assert [words for words, _ in commands(first)] == [["pip", "install", "pinproof"], ["pinproof", "demo"]]
+    # Nothing but the environment is on the path, and the index has no other package and no sources
+    environment = {
+        "PATH": str(home / "bin"),
+        "PIP_INDEX_URL": local_index,
+        "HOME": str(tmp_path),
+        "PIP_NO_CACHE_DIR": "1",
+    }
+    for words, _ in commands(first):
+        done = subprocess.run(
+            [str(home / "bin" / words[0]), *words[1:]],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE,
+        )
+        assert done.returncode == 0, f"{words}\n{done.stdout}\n{done.stderr}"
+    assert (folder / "pick.html").stat().st_size > 0
+    python = home / "bin" / "python"
+    assert wheel.name.split("-")[1] in run(python, "-I", SMOKE, cwd=folder)
+    run(python, "-m", "pip", "check", cwd=folder)
+    report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "again.html", "--json", cwd=folder))
     assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4
-    assert report["written"] == ["pick.html", "pick.json"]
-    assert (tmp_path / "pick.html").stat().st_size > 0
+    assert report["written"] == ["again.html", "pick.json"]
 
 
 # For every supported Python, all requirements are available as wheels, so that no compiler is needed.
@@ -244,12 +291,68 @@ def test_the_commands_of_the_page_exist(tmp_path: Path) -> None:
 
 def test_the_dockerfile_of_the_page_has_known_instructions_and_starts_the_command() -> None:
     (dockerfile,) = blocks(PAGE, "dockerfile")
+    assert dockerfile.text == (ROOT / "packaging" / "Dockerfile").read_text(encoding="utf-8")
     lines = dockerfile.text.replace("\\\n", " ").splitlines()
     assert [line.split()[0] for line in lines] == ["FROM", "RUN", "COPY", "RUN", "WORKDIR", "ENTRYPOINT"]
     version = re.match(r"FROM python:(3\.\d+)-slim", lines[0])
     assert version is not None
     assert f"Python :: {version[1]}" in project_text()
     assert re.search(r'^pinproof = "pinproof\.cli', project_text(), re.MULTILINE)
+
+
+def test_the_conda_recipe_has_the_requirements_of_the_package() -> None:
+    recipe = yaml.safe_load((ROOT / "packaging" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"] == {"name": PROJECT["name"], "version": PROJECT["version"]}
+    names = {"pinocchio-python": "pin", "coal-python": "coal", "meshcat-python": "meshcat"}
+    stated = dict(line.split() for line in recipe["requirements"]["run"])
+    assert stated.pop("python") == PROJECT["requires-python"]
+    needed = {one.name: str(one.specifier) for one in map(Requirement, PROJECT["dependencies"])}
+    assert needed.pop("ruckig")  # the recipe states that it comes from pip
+    assert {names.get(name, name): version for name, version in stated.items()} == needed
+    built = set(recipe["requirements"]["host"]) - {"python", "pip"}
+    assert {line.replace(" ", "") for line in built} == set(tomllib.loads(project_text())["build-system"]["requires"])
+
+
+# A core for macOS is compiled by scripts/cross_compile on Linux, and what it asks of macOS is checked after linking.
+
+
+def mach_object(names: dict[str, int], *, minimum: int = 11 << 16, libraries: tuple[str, ...] = ()) -> bytes:
+    """A Mach-O bundle for arm64 with undefined symbols, each with the ordinal of its library."""
+    texts = b"".join(name.encode() + b"\0" for name in names)
+    loads = [pack("<6I", 0x32, 24, 1, minimum, minimum, 0)]
+    for library in libraries:
+        text = library.encode() + b"\0" * (8 - len(library) % 8)
+        loads.append(pack("<6I", 0xC, 24 + len(text), 24, 0, 0, 0) + text)
+    at = 32 + sum(map(len, loads)) + 24
+    loads.append(pack("<6I", 0x2, 24, at, len(names), at + 16 * len(names), len(texts)))
+    rows, place = b"", 0
+    for name, ordinal in names.items():
+        rows += pack("<IBBHQ", place, 0x01, 0, ordinal << 8, 0)
+        place += len(name) + 1
+    header = pack("<8I", 0xFEEDFACF, 0x0100000C, 0, 8, len(loads), sum(map(len, loads)), 0, 0)
+    return header + b"".join(loads) + rows + texts
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({}, None),
+        ({"symbols": {"_cblas_dgemm": 0xFE}}, "_cblas_dgemm is neither"),
+        ({"symbols": {"_PyNoSuchFunction": 0xFE}}, "_PyNoSuchFunction is neither"),
+        ({"minimum": 14 << 16}, "it asks for macOS"),
+        ({"libraries": ("/usr/lib/libSystem.B.dylib", "/opt/homebrew/lib/libomp.dylib")}, "it links against /opt"),
+    ],
+)
+def test_a_core_for_macos_that_asks_for_more_than_the_system_and_python_is_refused(
+    change: dict[str, Any], fault: str | None
+) -> None:
+    libraries = change.get("libraries", ("/usr/lib/libSystem.B.dylib",))
+    symbols = {"_PyModuleDef_Init": 0xFE, "_malloc": 1, **change.get("symbols", {})}
+    core = read_macho(mach_object(symbols, minimum=change.get("minimum", 11 << 16), libraries=libraries))
+    assert core.undefined["_malloc"] == "/usr/lib/libSystem.B.dylib"
+    found = faults(core, "arm64", (11, 0))
+    assert (len(found), bool(found) and found[0].startswith(str(fault))) == ((0, False) if fault is None else (1, True))
+    assert faults(core, "x86_64", (11, 0))[0] == "it is for arm64, not x86_64"
 
 
 @pytest.mark.slow

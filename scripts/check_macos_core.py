@@ -5,7 +5,7 @@ python scripts/check_macos_core.py FILE arm64|x86_64 [VERSION]
 
 The file must be a library for the processor, ask for no newer macOS than VERSION (11.0 by default), and link against
 the system's libraries only. Its undefined symbols must come from these, or be Python's and exist in this Python.
-Mach-O is described by Apple's mach-o/loader.h and mach-o/nlist.h. scripts/cross_compile calls this after linking.
+Mach-O is described by Apple's mach-o/loader.h. scripts/cross_compile calls this after linking.
 """
 
 from __future__ import annotations
@@ -13,14 +13,23 @@ from __future__ import annotations
 import ctypes
 import struct
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-MAGIC, BUNDLE = 0xFEEDFACF, (6, 8)  # 64 bits, little-endian; a dynamic library or a bundle
+MAGIC, KINDS = 0xFEEDFACF, (6, 8)  # 64 bits, little-endian; a dynamic library or a bundle
 PROCESSORS = {0x0100000C: "arm64", 0x01000007: "x86_64"}
-SYMTAB, LOAD_DYLIB, LOAD_WEAK_DYLIB, VERSION_MIN, BUILD_VERSION = 0x2, 0xC, 0x80000018, 0x24, 0x32
-STABBED, KIND, EXTERNAL, UNDEFINED = 0xE0, 0x0E, 0x01, 0x00
-LOOKUP = 0xFE  # the ordinal of a symbol that is looked up in all loaded images, as those of Python are
+LOAD_DYLIB, LOAD_WEAK_DYLIB, VERSION_MIN, BUILD_VERSION, DYLD_INFO, SIGNATURE = (
+    0xC,
+    0x80000018,
+    0x24,
+    0x32,
+    0x80000022,
+    0x1D,
+)
+ORDINAL, LONG_ORDINAL, SPECIAL_ORDINAL, SYMBOL, DO_BIND = 0x10, 0x20, 0x30, 0x40, range(0x90, 0xD0, 0x10)
+NUMBERS = {0x20: 1, 0x60: 1, 0x70: 1, 0x80: 1, 0xA0: 1, 0xC0: 2}  # how many numbers follow an instruction
+LOOKUP = -2  # the ordinal of a symbol that is looked up in all loaded images, as those of Python are
 SYSTEM = ("/usr/lib/libSystem.", "/usr/lib/libc++.", "/usr/lib/libobjc.", "/System/Library/Frameworks/")
 
 
@@ -32,8 +41,34 @@ class MachObject:
     kind: int
     minimum: tuple[int, int] | None
     libraries: tuple[str, ...]
+    signed: bool
     undefined: dict[str, str]
-    """The undefined symbols, each with the library that has it; "" if it is looked up in all loaded images."""
+    """The symbols that dyld binds, each with the library that has it; "" if it is looked up in all loaded images."""
+
+
+def bindings(code: bytes) -> Iterator[tuple[str, int]]:
+    """The symbols that instructions for dyld bind, with the ordinals of their libraries."""
+    at, name, ordinal = 0, "", 0
+    while at < len(code):
+        instruction, value = code[at] & 0xF0, code[at] & 0x0F
+        at += 1
+        if instruction == SYMBOL:
+            end = code.index(b"\0", at)
+            name, at = code[at:end].decode(), end + 1
+        number = value
+        for _ in range(NUMBERS.get(instruction, 0)):
+            number = shift = 0
+            while True:
+                number |= (code[at] & 0x7F) << shift
+                shift, at = shift + 7, at + 1
+                if not code[at - 1] & 0x80:
+                    break
+        if instruction in (ORDINAL, LONG_ORDINAL):
+            ordinal = number
+        elif instruction == SPECIAL_ORDINAL:
+            ordinal = value - 16 if value else 0
+        elif instruction in DO_BIND:
+            yield name, ordinal
 
 
 def read_macho(data: bytes) -> MachObject:
@@ -41,7 +76,7 @@ def read_macho(data: bytes) -> MachObject:
     if len(data) < 32 or struct.unpack_from("<I", data)[0] != MAGIC:
         raise ValueError("not a 64-bit Mach-O file")
     _, processor, _, kind, commands, *_ = struct.unpack_from("<8I", data)
-    minimum, libraries, symbols, at = None, [], (0, 0, 0), 32
+    minimum, libraries, bound, signed, at = None, [], {}, False, 32
     for _ in range(commands):
         command, size = struct.unpack_from("<2I", data, at)
         if command in (LOAD_DYLIB, LOAD_WEAK_DYLIB):
@@ -50,19 +85,18 @@ def read_macho(data: bytes) -> MachObject:
         elif command in (BUILD_VERSION, VERSION_MIN):
             (version,) = struct.unpack_from("<I", data, at + (12 if command == BUILD_VERSION else 8))
             minimum = version >> 16, version >> 8 & 0xFF
-        elif command == SYMTAB:
-            symbols = struct.unpack_from("<3I", data, at + 8)
+        elif command == SIGNATURE:
+            signed = True
+        elif command == DYLD_INFO:  # symbols that are bound at once, weak ones of C++, and those at their first call
+            _, _, start, length, _, _, lazy_start, lazy_length = struct.unpack_from("<8I", data, at + 8)
+            bound.update(bindings(data[start : start + length]))
+            bound.update(bindings(data[lazy_start : lazy_start + lazy_length]))
         at += size
-    first, count, strings = symbols
-    undefined = {}
-    for k in range(count):
-        name_at, what, _, description, _ = struct.unpack_from("<IBBHQ", data, first + 16 * k)
-        if what & STABBED or what & KIND != UNDEFINED or not what & EXTERNAL:
-            continue
-        name = data[strings + name_at : data.index(b"\0", strings + name_at)].decode()
-        ordinal = description >> 8
-        undefined[name] = "" if ordinal == LOOKUP else libraries[ordinal - 1]
-    return MachObject(PROCESSORS.get(processor, hex(processor)), kind, minimum, tuple(libraries), undefined)
+    undefined = {
+        name: "" if ordinal == LOOKUP else libraries[ordinal - 1] if ordinal > 0 else f"library {ordinal}"
+        for name, ordinal in bound.items()
+    }
+    return MachObject(PROCESSORS.get(processor, hex(processor)), kind, minimum, tuple(libraries), signed, undefined)
 
 
 def faults(core: MachObject, processor: str, newest: tuple[int, int]) -> list[str]:
@@ -70,13 +104,17 @@ def faults(core: MachObject, processor: str, newest: tuple[int, int]) -> list[st
     wrong = []
     if core.processor != processor:
         wrong.append(f"it is for {core.processor}, not {processor}")
-    if core.kind not in BUNDLE:
+    if core.kind not in KINDS:
         wrong.append(f"its file type is {core.kind}, not that of a library or a bundle")
     if core.minimum is None or core.minimum > newest:
         wrong.append(f"it asks for macOS {core.minimum}, newer than {newest}")
+    if processor == "arm64" and not core.signed:
+        wrong.append("it has no signature, without which macOS on arm64 loads no code")
     wrong += [f"it links against {name}" for name in core.libraries if not name.startswith(SYSTEM)]
     for name, library in core.undefined.items():
-        if not library and not (name.startswith(("_Py", "__Py")) and hasattr(ctypes.pythonapi, name[1:])):
+        if library and (library not in core.libraries or name.startswith(("_Py", "__Py"))):
+            wrong.append(f"{name} is looked up in {library}")
+        elif not library and not (name.startswith(("_Py", "__Py")) and hasattr(ctypes.pythonapi, name[1:])):
             wrong.append(f"{name} is neither Python's nor a library's")
     if "_PyModule_Create2" not in core.undefined and "_PyModuleDef_Init" not in core.undefined:
         wrong.append("it creates no Python module")

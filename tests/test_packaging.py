@@ -316,29 +316,34 @@ def test_the_conda_recipe_has_the_requirements_of_the_package() -> None:
 # A core for macOS is compiled by scripts/cross_compile on Linux, and what it asks of macOS is checked after linking.
 
 
-def mach_object(names: dict[str, int], *, minimum: int = 11 << 16, libraries: tuple[str, ...] = ()) -> bytes:
-    """A Mach-O bundle for arm64 with undefined symbols, each with the ordinal of its library."""
-    texts = b"".join(name.encode() + b"\0" for name in names)
+def mach_object(
+    names: dict[str, int], *, minimum: int = 11 << 16, libraries: tuple[str, ...] = (), signed: bool = True
+) -> bytes:
+    """A Mach-O bundle for arm64 that binds symbols, each with the ordinal of its library."""
+    code = b"".join(
+        bytes([0x40]) + name.encode() + b"\0" + bytes([(0x10 if ordinal >= 0 else 0x30) | ordinal & 0xF, 0x72, 8, 0x90])
+        for name, ordinal in names.items()
+    )
     loads = [pack("<6I", 0x32, 24, 1, minimum, minimum, 0)]
     for library in libraries:
         text = library.encode() + b"\0" * (8 - len(library) % 8)
         loads.append(pack("<6I", 0xC, 24 + len(text), 24, 0, 0, 0) + text)
-    at = 32 + sum(map(len, loads)) + 24
-    loads.append(pack("<6I", 0x2, 24, at, len(names), at + 16 * len(names), len(texts)))
-    rows, place = b"", 0
-    for name, ordinal in names.items():
-        rows += pack("<IBBHQ", place, 0x01, 0, ordinal << 8, 0)
-        place += len(name) + 1
-    header = pack("<8I", 0xFEEDFACF, 0x0100000C, 0, 8, len(loads), sum(map(len, loads)), 0, 0)
-    return header + b"".join(loads) + rows + texts
+    if signed:
+        loads.append(pack("<4I", 0x1D, 16, 0, 0))
+    at = 32 + sum(map(len, loads)) + 48
+    loads.append(pack("<12I", 0x80000022, 48, 0, 0, at, len(code), 0, 0, 0, 0, 0, 0))
+    return pack("<8I", 0xFEEDFACF, 0x0100000C, 0, 8, len(loads), sum(map(len, loads)), 0, 0) + b"".join(loads) + code
 
 
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
         ({}, None),
-        ({"symbols": {"_cblas_dgemm": 0xFE}}, "_cblas_dgemm is neither"),
-        ({"symbols": {"_PyNoSuchFunction": 0xFE}}, "_PyNoSuchFunction is neither"),
+        ({"symbols": {"_cblas_dgemm": -2}}, "_cblas_dgemm is neither"),
+        ({"symbols": {"_PyNoSuchFunction": -2}}, "_PyNoSuchFunction is neither"),
+        ({"symbols": {"_PyList_New": 1}}, "_PyList_New is looked up in /usr/lib"),
+        ({"symbols": {"_malloc": 0}}, "_malloc is looked up in library 0"),
+        ({"signed": False}, "it has no signature"),
         ({"minimum": 14 << 16}, "it asks for macOS"),
         ({"libraries": ("/usr/lib/libSystem.B.dylib", "/opt/homebrew/lib/libomp.dylib")}, "it links against /opt"),
     ],
@@ -346,10 +351,10 @@ def mach_object(names: dict[str, int], *, minimum: int = 11 << 16, libraries: tu
 def test_a_core_for_macos_that_asks_for_more_than_the_system_and_python_is_refused(
     change: dict[str, Any], fault: str | None
 ) -> None:
-    libraries = change.get("libraries", ("/usr/lib/libSystem.B.dylib",))
-    symbols = {"_PyModuleDef_Init": 0xFE, "_malloc": 1, **change.get("symbols", {})}
-    core = read_macho(mach_object(symbols, minimum=change.get("minimum", 11 << 16), libraries=libraries))
-    assert core.undefined["_malloc"] == "/usr/lib/libSystem.B.dylib"
+    symbols = {"_PyModuleDef_Init": -2, "_free": 1, **change.get("symbols", {})}
+    settings = {"libraries": ("/usr/lib/libSystem.B.dylib",), **change, "symbols": symbols}
+    core = read_macho(mach_object(settings.pop("symbols"), **settings))
+    assert core.undefined["_free"] == "/usr/lib/libSystem.B.dylib"
     found = faults(core, "arm64", (11, 0))
     assert (len(found), bool(found) and found[0].startswith(str(fault))) == ((0, False) if fault is None else (1, True))
     assert faults(core, "x86_64", (11, 0))[0] == "it is for arm64, not x86_64"

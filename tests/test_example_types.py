@@ -1,4 +1,4 @@
-"""The Python examples of the README and the manual pass ``mypy --strict``."""
+"""The Python examples of the README, the manual and the gallery pass ``mypy --strict``."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def module_of(page: Path) -> str:
 
 @pytest.mark.slow
 def test_every_example_is_typed(tmp_path: Path) -> None:
-    files = []
+    files = sorted((ROOT / "docs" / "examples").glob("*.py"))
     for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))):
         if text := module_of(page):
             files.append(tmp_path / f"{'_'.join(page.relative_to(ROOT).with_suffix('').parts)}.py")
             files[-1].write_text(text, encoding="utf-8")
-    assert len(files) > 30
+    assert len(files) > 40
     assert any(PROGRAM in file.read_text(encoding="utf-8") for file in files)
     # Blocks of one page are cells of a notebook: a later one may give a name to a value of another type.
     options = [

@@ -13,8 +13,8 @@ delta_d = [ 0.00020959942, 151.485161, -309.210189, 157.724841, -0.00155912879, 
 delta_alpha = [ 0.000430804016, -0.00280775248, 0.00246253531, 0.000613955821, -0.00309440806, 0 ]
 calibration_status = 2
 """)
-robot = pp.load_robot("ur5", calibration="calibration.conf")
-arm, nominal = robot.arm(tcp="tool0"), robot.nominal.arm(tcp="tool0")
+arm = pp.load_robot("ur5", calibration="calibration.conf").arm(tcp="tool0")
+nominal = pp.load_robot("ur5").arm(tcp="tool0")
 target = pp.pose((0.45, 0.1, 0.2), (np.pi, 0, 0))
 q = pp.AnalyticIk().solve(nominal, target).or_raise().q
 missed = arm.forward_kinematics(q).translation - target.translation

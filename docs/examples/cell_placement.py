@@ -11,7 +11,7 @@ picks = replace(picks, picks=[pick for pick in picks if pick.name in ("bolt_1", 
 arm, scene = picks.load_arm(), picks.load_scene()
 walkway = pp.Obstacle("walkway", pp.Box(1.0, 0.4, 1.0), pp.pose((0, -0.6, 0)))
 region = PlacementRegion(x=(-0.4, 0.1), y=(-0.5, 0.5), yaw=(-3.14, 3.14), forbidden=(walkway,))
-few = PlacementBudget(grid=60, runs=1, evaluations=8, certified=1, deviations=0)  # a quick look; the default is thorough
+few = PlacementBudget(grid=60, runs=1, evaluations=8, certified=1, deviations=0)  # a quick look
 found = pp.place_base(arm, scene, picks, region, placement_budget=few)
 best = found.best
 print(f"x {best.placement.x:.2f} m, y {best.placement.y:.2f} m, cycle time {best.cycle_time:.2f} s")

@@ -1,4 +1,4 @@
-"""A bolt, a plate and a block, taken by the gripper or the suction cup of a tool changer; every grasp must hold its part."""
+"""A bolt, a plate and a block, taken by a gripper or a suction cup; every grasp must hold its part."""
 
 from dataclasses import replace
 

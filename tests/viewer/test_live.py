@@ -134,6 +134,6 @@ def test_a_check_is_shown_no_more_once_the_arm_has_moved_away(browser):
         page = browser.open(view.url)
         assert page.text("#verdict") == "IN CONTACT"
         view.move_to([0.0, 0.0])
-        page.wait_for("window.pinproof && document.getElementById('verdict').textContent === 'NOT VALIDATED'")
+        page.wait_for("window.pinproof && document.getElementById('verdict').textContent === 'CONFIGURATION'")
         page.wait_for("window.pinproof && pinproof.settings.touching.length === 0")
         page.close()

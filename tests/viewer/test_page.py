@@ -195,8 +195,14 @@ def test_constraints_are_stated_with_their_bound_or_their_violation():
     assert_not_validated(lost, "open", "too much")
 
 
+def test_a_configuration_has_the_headline_of_its_check(certificate):
+    checker = CollisionChecker(ARM, SCENE)
+    for check, headline in ((None, "CONFIGURATION"), ([0.0, 0.0], "NO CONTACT"), ([1.5, 0.0], "IN CONTACT")):
+        checked = None if check is None else checker.check(check)
+        assert caption_of(ARM, SCENE, None, None, check=checked).headline == headline
+
+
 def test_what_is_not_proven_free_is_not_validated(certificate):
-    assert caption_of(ARM, None, None, None).headline == "NOT VALIDATED"  # without a motion
     assert_not_validated(caption_of(ARM, SCENE, swing(ARM), None), "open", "no certificate")
     assert certificate.status is CertificateStatus.FREE
     for curve, who, scene in (

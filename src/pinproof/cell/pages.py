@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
@@ -12,10 +12,12 @@ import numpy as np
 
 from pinproof import viewer
 from pinproof.collision import proven_millimetres
+from pinproof.common import theme
 from pinproof.common.files import os_errors
 from pinproof.common.results import Rows
 from pinproof.errors import FileError, ViewerError
 from pinproof.model import guess_note
+from pinproof.picks import Pick
 from pinproof.spatial import SE3
 
 RATE = 15.0
@@ -37,6 +39,7 @@ class CellRow(NamedTuple):
     """A pick of the table: its times (s), its proven clearance (m), and what limits its duration."""
 
     name: str
+    pick: Pick
     start: float
     duration: float
     clearance: float
@@ -55,6 +58,7 @@ def write_cell_page(
     duration: float,
     rows: Sequence[CellRow],
     left_out: Sequence[tuple[str, str]],
+    parts: Mapping[str, str | None],
     bars: Sequence[viewer.Bar],
     lanes: Sequence[str],
     acceleration_source: str,
@@ -63,8 +67,9 @@ def write_cell_page(
 ) -> None:
     """Write the page of a film of ``duration`` (s), whose carried parts are obstacles of the stage.
 
-    ``rows`` are the picks in order, ``bars`` and ``lanes`` the Gantt chart, of which each lane is an arm if there are
-    ``several``, otherwise a phase. ViewerError if the robot has nothing to draw, or the page cannot be written.
+    ``rows`` are the picks in order, ``parts`` what picks carry by their names, ``bars`` and ``lanes`` the Gantt chart,
+    of which each lane is an arm if there are ``several``, otherwise a phase. ViewerError if the robot has nothing to
+    draw, or the page cannot be written.
     """
     if not any(link.surfaces for link in stage.links):
         raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
@@ -95,13 +100,17 @@ def write_cell_page(
         guess_note(acceleration_source) or f"Acceleration limits: {acceleration_source}",
         *stage.notes,
     ]
-    table = viewer.panels.table("side", Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance")), notes)
+    colours = [theme.VERDICTS["good"]] * len(rows) + [theme.COLOURS["bad"]] * len(left_out)
+    listed = Rows(COLUMNS, cells, numbers=("#", "Start", "Duration", "Clearance"), colours=colours)
+    table = viewer.panels.table("side", listed, notes)
+    names = [row.pick.name for row in rows] + [name for name, _ in left_out]
+    picks = viewer.panels.linked(names, colours, stage.nodes(parts.get(name) for name in names))
     moments = [[row.start, row.start + row.duration] for row in rows]
     text = viewer.panels.page(
         title,
         "cell",
         viewer.panels.gantt(bars, lanes, duration, named=several) + table,
-        {**view.settings(), "duration": duration, "moments": moments},
+        {**view.settings(), "duration": duration, "moments": moments, "tools": stage.tools, "picks": picks},
         commands,
         label="The robot in its cell",
         summary=escape(summary),

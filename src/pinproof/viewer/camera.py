@@ -82,6 +82,10 @@ NEAR_SAMPLES = 200
 MOST_TOOL_POINTS = 200
 """Largest number of points of the tool to which the distance of obstacles is computed."""
 
+BOX_TRIANGLES, PARTS, MOST_BOXES = 12, 4, 300
+"""For what is hidden, an obstacle with more triangles than a box is divided by a grid of so many cells along each axis,
+those with the most triangles first, until there are so many boxes."""
+
 DIRECTIONS = 200
 """Directions in which the extreme points of a set are found; the others are in their hull but for 1 % of its size."""
 
@@ -210,7 +214,7 @@ def _cells_of_links(
 
 @dataclass(frozen=True, eq=False)
 class _Boxes:
-    """The bounding boxes of B obstacles, each in the frame of its obstacle."""
+    """The B bounding boxes of obstacles or of their parts, each in the frame of its obstacle."""
 
     rotation: Array
     shift: Array
@@ -219,10 +223,21 @@ class _Boxes:
 
     @classmethod
     def around(cls, obstacles: Sequence[DrawnObstacle]) -> _Boxes:
-        corners = [box_corners(obstacle.surfaces) for obstacle in obstacles if obstacle.surfaces]
-        poses = [np.linalg.inv(obstacle.pose) for obstacle in obstacles if obstacle.surfaces]
+        corners: list[Array] = []
+        poses: list[Any] = []
+        # A single box around a scan or a bin would hide the robot in it; those of its parts do not
+        drawn = [(np.concatenate([s.vertices[s.triangles] for s in o.surfaces]), o) for o in obstacles if o.surfaces]
+        for triangles, obstacle in sorted(drawn, key=lambda pair: -len(pair[0])):
+            middles = triangles.mean(axis=1)
+            cells = np.floor(PARTS * (middles - middles.min(axis=0)) / (np.ptp(middles, axis=0) + 1e-9))
+            if len(triangles) <= BOX_TRIANGLES or len(corners) > MOST_BOXES:
+                cells[:] = 0
+            part_of = np.unique(cells, axis=0, return_inverse=True)[1].reshape(-1)
+            parts = [triangles[part_of == k].reshape(-1, 3) for k in range(part_of.max() + 1)]
+            corners += [np.stack([part.min(axis=0), part.max(axis=0)]) for part in parts]
+            poses += [np.linalg.inv(obstacle.pose)] * len(parts)
         obstacle_from_root = np.array(poses).reshape(-1, 4, 4)
-        bounds = np.array(corners).reshape(-1, 8, 3)
+        bounds = np.array(corners).reshape(-1, 2, 3)
         return cls(obstacle_from_root[:, :3, :3], obstacle_from_root[:, :3, 3], bounds.min(axis=1), bounds.max(axis=1))
 
     def hide(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:

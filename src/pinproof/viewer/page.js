@@ -1,5 +1,8 @@
 // The script of every page: the 3D view of meshcat, the player, the table and the charts.
+/** @type {(id: string) => any} */
 const byId = (id) => document.getElementById(id);
+/** @type {(selector: string) => any[]} */
+const all = (selector) => [...document.querySelectorAll(selector)];
 const make = (tag, text, name) => Object.assign(document.createElement(tag), { textContent: text ?? "", className: name ?? "" });
 const THREE = MeshCat.THREE;
 const pane = byId("meshcat-pane");
@@ -31,12 +34,17 @@ const read = (id) => JSON.parse(byId(id).textContent, (key, value) => {
 const settings = read("settings");
 
 // --- camera: three.js is y-up inside meshcat, so (x, y, z) of the robot's root frame is (x, z, -y) here ---
-let touched = false;
+let touched = false, toCamera, right, up;
+const onFrame = [];  // functions that are called before each frame
+/** @type {(point: number[]) => any} */
 const vector = ([x, y, z]) => new THREE.Vector3(x, z, -y);
-const toCamera = vector(settings.direction).normalize();
-const right = new THREE.Vector3(0, 1, 0).cross(toCamera).normalize();
-const up = toCamera.clone().cross(right);
 const points = settings.points.map(vector);
+function aim(direction) {
+  toCamera = vector(direction).normalize();
+  right = new THREE.Vector3(0, 1, 0).cross(toCamera).normalize();
+  up = toCamera.clone().cross(right);
+}
+aim(settings.direction);
 
 // The same closed form as pinproof.viewer.camera.fit, for the current canvas.
 function frame() {
@@ -86,7 +94,6 @@ const pictured = Promise.all(read("pictures").map(async ([address, nodes]) => {
 }));
 viewer.gui.domElement.style.display = "none";  // the page has its own controls
 viewer.controls.addEventListener("start", () => { touched = true; });
-byId("reset").addEventListener("click", () => { touched = false; frame(); });
 viewer.set_3d_pane_size();
 
 // --- player: it controls meshcat's animator ---
@@ -108,6 +115,14 @@ function fromAddress() {
   const stated = /(?:^#|&)t=([0-9.]+)/.exec(location.hash);
   if (stated && isFinite(Number(stated[1]))) seek(Number(stated[1]));
   return Boolean(stated);
+}
+
+// The row of #pick=NAME in the address, -1 without one.
+function rowInAddress() {
+  const stated = /(?:^#|&)pick=([^&]*)/.exec(location.hash);
+  let name = stated?.[1];
+  try { name = decodeURIComponent(name); } catch { /* the name as it is */ }
+  return stated ? (settings.picks ?? []).findIndex((pick) => pick.name === name) : -1;
 }
 
 // Show the player for a motion of the given duration, if there is one. The motion starts unless it shall be paused at a
@@ -136,31 +151,35 @@ function toggle() {
 
 // Keyboard shortcuts of the page, unless the focused element uses the key.
 const STEP = 1 / 30;
-window.addEventListener("keydown", (event) => {
+window.addEventListener("keydown", (/** @type {any} */ event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.target.closest("input:not([type=checkbox]), select, button, textarea, summary, .scroll")) return;
+  if (event.target.closest("input:not([type=checkbox]), select, textarea, summary, .scroll")) return;
   if (event.key === "r" || event.key === "R") byId("reset").click();
   if (animator.actions.length === 0) return;
-  if (event.key === " " && !event.target.closest("input")) toggle();
+  if (event.key === " " && !event.target.closest("input, button")) toggle();
   else if (event.key === "ArrowLeft") seek(animator.time - STEP);
   else if (event.key === "ArrowRight") seek(animator.time + STEP);
   else return;
   event.preventDefault();
 });
 play.addEventListener("click", toggle);
-byId("speed").addEventListener("change", (event) => { animator.mixer.timeScale = Number(event.target.value); });
+byId("speed").addEventListener("change", () => { animator.mixer.timeScale = Number(byId("speed").value); });
 scrub.addEventListener("input", () => seek(Number(scrub.value)));
-window.addEventListener("hashchange", fromAddress);
+window.addEventListener("hashchange", () => {
+  if (rowInAddress() >= 0) onChoose(rowInAddress());
+  fromAddress();
+});
 
 // --- table: it sorts by every column, and shows the rows with a text and the value of the pressed chip ---
 const body = byId("rows"), find = byId("find");
-const rows = body ? [...body.rows] : [], heads = body ? [...document.querySelectorAll("#list th")] : [];
+const rows = body ? [...body.rows] : [], heads = body ? all("#list th") : [];
 const texts = rows.map((row) => row.textContent.toLowerCase());
-let order = [...rows.keys()], onChoose = () => {}, onFilter = () => {};
+let order = [...rows.keys()], onFilter = () => {}, onSelect = () => {};
+let onChoose = (/** @type {number} */ _) => {}, rowAt = (/** @type {any} */ _) => /** @type {number | null} */ (null);
 rows.forEach((row, index) => { row.dataset.row = index; });
 
 function fillTable() {
-  const wanted = find.value.trim().toLowerCase(), chip = document.querySelector(".chip[aria-pressed=true]");
+  const wanted = find.value.trim().toLowerCase(), chip = all(".chip[aria-pressed=true]")[0];
   const shown = order.filter((k) => texts[k].includes(wanted)
     && (!chip || rows[k].cells[1].lastChild.textContent === chip.dataset.value));
   body.replaceChildren(...shown.map((k) => rows[k]));
@@ -176,8 +195,15 @@ function giveTabStop() {  // the table is one stop of the Tab key; arrow keys mo
   if (stop) stop.tabIndex = 0;
 }
 
+function chooseRow(k) {  // by the reader: the address becomes a link to it
+  onChoose(k);
+  if (!settings.picks) return;
+  try { history.replaceState(null, "", "#pick=" + encodeURIComponent(settings.picks[k].name)); } catch { /* inside a frame */ }
+}
+
 function select(chosen) {  // the selected rows; the first one is brought into view
   rows.forEach((row, k) => row.setAttribute("aria-selected", String(chosen.includes(k))));
+  onSelect();
   giveTabStop();
   const row = rows[chosen[0]];
   if (!row?.isConnected) return;
@@ -193,6 +219,7 @@ heads.forEach((head, column) => {
   head.replaceChildren(button);
   button.addEventListener("click", () => {
     const down = head.getAttribute("aria-sort") === "ascending";
+    /** @type {any[]} */
     const keys = rows.map((row) => row.cells[column].textContent).map((text) => numeric ? parseFloat(text) : text);
     const empty = (key) => key === "" || Number.isNaN(key);  // missing values come last in either order
     order = [...rows.keys()].sort((a, b) => empty(keys[a]) - empty(keys[b]) || (empty(keys[a]) ? 0 : (down ? -1 : 1)
@@ -202,40 +229,40 @@ heads.forEach((head, column) => {
     fillTable();
   });
 });
-for (const chip of document.querySelectorAll(".chip")) {
+for (const chip of all(".chip")) {
   chip.addEventListener("click", () => {
     const pressed = chip.getAttribute("aria-pressed") === "true";
-    for (const each of document.querySelectorAll(".chip")) each.setAttribute("aria-pressed", String(each === chip && !pressed));
+    for (const each of all(".chip")) each.setAttribute("aria-pressed", String(each === chip && !pressed));
     fillTable();
   });
 }
 if (body) {
   find.addEventListener("input", fillTable);
   const rowOf = (event) => event.target.closest("tr");
-  body.addEventListener("click", (event) => onChoose(Number(rowOf(event).dataset.row)));
+  body.addEventListener("click", (event) => chooseRow(Number(rowOf(event).dataset.row)));
   body.addEventListener("keydown", (event) => {
     const row = rowOf(event);
     const goal = { ArrowDown: row.nextElementSibling, ArrowUp: row.previousElementSibling,
       Home: body.firstElementChild, End: body.lastElementChild, Enter: row, " ": row }[event.key];
     if (!goal) return;
     event.preventDefault();
-    onChoose(Number(goal.dataset.row));
+    chooseRow(Number(goal.dataset.row));
     goal.focus();
   });
   fillTable();
 }
 
 // --- charts: a line at the current time, a click seeks; the Gantt chart can be enlarged ---
-const plots = [...document.querySelectorAll(".plot")].map((plot) => {
+const plots = all(".plot").map((plot) => {
   plot.addEventListener("click", (event) => {
     const box = plot.getBoundingClientRect();
     seek((event.clientX - box.left) / box.width * duration);
   });
   return plot.appendChild(make("i", "", "now"));
 });
-for (const panel of document.querySelectorAll("details.below")) panel.addEventListener("toggle", () => viewer.set_3d_pane_size());
+for (const panel of all("details.below")) panel.addEventListener("toggle", () => viewer.set_3d_pane_size());
 const gantt = byId("gantt"), zoom = byId("zoom");
-const bars = [...document.querySelectorAll("#gantt [data-start]")].map((bar) => [Number(bar.dataset.start), Number(bar.dataset.end), bar.title]);
+const bars = all("#gantt [data-start]").map((bar) => [Number(bar.dataset.start), Number(bar.dataset.end), bar.title]);
 
 // From the complete cycle in the visible width to 100 pixels a second; a time at least every 60 pixels.
 function enlarge() {
@@ -274,6 +301,7 @@ function follow() {
     if (animator.playing && (x < 0 || x > scroll.clientWidth)) scroll.scrollLeft += x - 40;  // keep the line in view
   }
   last = t;
+  for (const action of onFrame) action();
   requestAnimationFrame(follow);
 }
 
@@ -283,6 +311,7 @@ if (settings.moments) {  // a sequence: a row is chosen by its time
   zoom.addEventListener("input", enlarge);
   window.addEventListener("resize", enlarge);
   enlarge();
+  if (rowInAddress() >= 0) onChoose(rowInAddress());
 }
 if (/(?:^#|&)still\b/.test(location.hash)) document.body.classList.add("still");
 viewer.set_3d_pane_size();

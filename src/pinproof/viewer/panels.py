@@ -110,6 +110,12 @@ def chips(counts: Mapping[str, int], colours: Mapping[str, str]) -> str:
     return f'<div id="chips" role="group" aria-label="Show only rows of one verdict">{buttons}</div>'
 
 
+def linked(names: Iterable[str], colours: Iterable[str], nodes: Iterable[Sequence[str] | None]) -> list[dict[str, Any]]:
+    """The setting ``picks``: for each row of the table its name in links, its colour, and the node of its part."""
+    rows = zip(names, colours, nodes, strict=True)
+    return [{"name": name, "colour": colour, "body": node} for name, colour, node in rows]
+
+
 def notes(texts: Sequence[str], summary: str = "Notes") -> str:
     """Texts below a summary, which unfolds them; empty without texts."""
     return f"<details><summary>{escape(summary)}</summary>{html_list(texts)}</details>" if texts else ""
@@ -154,6 +160,10 @@ def gantt(bars: Sequence[Bar], lanes: Sequence[str], duration: float, *, named: 
     )
 
 
+SCRIPTS = ("page.js", "views.js", "distance.js", "inspect.js")
+"""The scripts of every page, in this order."""
+
+
 def page(
     title: str,
     layout: str,
@@ -173,12 +183,13 @@ def page(
     The widths and heights depend on the ``layout``: ``motion``, ``picks`` or ``cell``. ``panels``, ``summary`` and
     ``head`` are HTML: of the panels, of the line below the title, and of the right end of the header; ``title`` and
     ``label``, for readers of the screen, are plain text. ``settings`` is an object of the scripts, in which references
-    to arrays of ``commands`` become typed arrays; ``script`` runs after ``page.js``. A ``live`` page may receive events
-    from the server that sent it.
+    to arrays of ``commands`` become typed arrays; ``script`` runs after :data:`SCRIPTS`. A ``live`` page may receive
+    events from the server that sent it.
     """
     # The colours that the scripts draw with
     bundle, licences = _viewer_bundle()
     drawing = {**theme.COLOURS, **theme.PICTURE, "axes": theme.AXES, "font": theme.FONT}
+    scripts = "\n".join(map(part, SCRIPTS))
     values = {
         "title": escape(title),
         "layout": layout,
@@ -195,7 +206,7 @@ def page(
         "commands": script_json(commands.items),
         "pictures": script_json([*commands.pictures.items()]),
         "buffers": commands.base64(),
-        "script": f'"use strict";\n(function () {{\n{part("page.js")}\n{script}\nwindow.pinproof.ready = true;\n}})();',
+        "script": f'"use strict";\n(function () {{\n{scripts}\n{script}\nwindow.pinproof.ready = true;\n}})();',
     }
     # In a single pass, so that inserted text is never replaced again
     return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], part("shell.html"))

@@ -40,8 +40,7 @@ from pinproof.viewer.stage import (
 from pinproof.viewer.surfaces import ball, tube
 from pinproof.viewer.wire import Commands, node_name, node_path
 
-UNPROVEN = "NOT VALIDATED"
-MAP = "MAP"
+UNPROVEN, CONFIGURATION, UNTOUCHED, MAP = "NOT VALIDATED", "CONFIGURATION", "NO CONTACT", "MAP"
 
 
 def caption_of(
@@ -58,8 +57,10 @@ def caption_of(
     headline, tone, excluded = UNPROVEN, "open", []
     # A configuration: nothing is proven about motions
     if motion is None:
-        tone, reason = "still", "The picture shows a configuration; there is no motion to prove."
+        headline, tone = CONFIGURATION, "still"
+        reason = "The picture shows a configuration; there is no motion to prove."
         if check is not None and check.free:
+            headline = UNTOUCHED
             reason = "The check found no contact at this configuration. Nothing is proven about motions."
         elif check is not None:
             headline, tone, more = "IN CONTACT", "colliding", len(check.contacts) - 1
@@ -257,6 +258,7 @@ class Picture:
         look = {"opacity": GHOST_OPACITY, "hues": [*map(theme.rgb, theme.GHOSTS)], "own": shown.poses[0]}
         settings = {
             **view.settings(),
+            "tools": stage.tools,
             "duration": float(shown.times[-1]),
             "start": None if contact is None else contact.time,
             "parameter": parameter,

@@ -20,7 +20,7 @@ from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array, matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.wire import Commands, node_name, node_path
 
 MAX_BYTES = 10e6
 """Size of all meshes of a page in base64. With the viewer (1 MB) and a motion, the page is then below 15 MB."""
@@ -75,6 +75,25 @@ class Drawing:
     def tcp_poses(self, q: Array) -> Array:
         """(A, 4, 4) ``root_from_tcp`` of each arm at the configuration q (n,)."""
         return np.array([matrix(pose) for pose in self.arm.tcp_placements(q).values()])
+
+    @cached_property
+    def tools(self) -> list[dict[str, Any]]:
+        """The tcp of each arm, for a camera that follows it: its pose in the nearest drawn link before it, at home."""
+        drawn, tools = {link.name for link in self.links if link.surfaces}, []
+        for arm, (_, tcp) in self.arm.ends.items():
+            link, joint = tcp, self.arm.robot.urdf.parent_joint(tcp)
+            while link not in drawn and joint is not None:
+                link, joint = joint.parent, self.arm.robot.urdf.parent_joint(joint.parent)
+            root_from_link, root_from_tcp = self.frame_poses(self.arm.home, [link, tcp])
+            link_from_tcp = np.linalg.inv(root_from_link) @ root_from_tcp
+            name = arm if len(self.arm.ends) > 1 else ""
+            tools.append({"name": name, "node": ["robot", node_name(link)], "matrix": link_from_tcp.T.ravel().tolist()})
+        return tools
+
+    def nodes(self, names: Iterable[str | None]) -> list[list[str] | None]:
+        """The nodes of obstacles in the tree of a page; None for other names."""
+        known = {thing.name for thing in self.obstacles}
+        return [["scene", node_name(name)] if name is not None and name in known else None for name in names]
 
     @cached_property
     def tool(self) -> npt.NDArray[np.bool_]:

@@ -81,6 +81,9 @@ class Commands:
         """Draw a geometry of three.js."""
         # three.js takes a colour as one number
         r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in rgba[:3])
+        # A transparent surface may coincide with an opaque one, such as a bin with a part that touches it: it is drawn
+        # slightly behind, so that there are no stripes, and hides nothing
+        behind = {"depthWrite": False, "polygonOffset": True, "polygonOffsetFactor": 1, "polygonOffsetUnits": 4}
         look = {
             "type": "MeshPhongMaterial",
             "color": r << 16 | g << 8 | b,
@@ -89,6 +92,7 @@ class Commands:
             "side": 2,  # both sides, because the triangles of some files are oriented inwards
             "opacity": rgba[3],
             "transparent": rgba[3] < 1.0,
+            **(behind if rgba[3] < 1.0 else {}),
             **material,
         }
         self.set_object(path, "Mesh", {"geometry": geometry, "material": look})

@@ -301,7 +301,7 @@ class AllocationResult(Answer, Saved, Written):
                 name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
                 limited_by = step.limited_by.replace(f"{arm}{PART}", "")
                 start, duration = own[0].start, own[-1].end - own[0].start
-                rows.append(CellRow(f"{name} ({arm})", start, duration, step.verdict.clearance, limited_by))
+                rows.append(CellRow(f"{name} ({arm})", step.pick, start, duration, step.verdict.clearance, limited_by))
         figures = [(f"makespan{guess_mark(self.group.limits.acceleration_source)}", f"{self.makespan:.1f} s")]
         if np.isfinite(self.ratio):
             figures.append(("of the time of one arm", f"{100 * self.ratio:.0f} %"))
@@ -341,6 +341,7 @@ class AllocationResult(Answer, Saved, Written):
             duration=self.makespan,
             rows=sorted(rows, key=lambda row: row.start),
             left_out=[(pick.name, pick.reason) for pick in self.missing],
+            parts={pick.name: pick.object_name for pick in self.picks.picks},
             bars=sorted(bars, key=lambda bar: arms.index(bar.lane)),
             lanes=arms,
             acceleration_source=self.group.limits.acceleration_source,

@@ -576,7 +576,7 @@ class SequenceResult(Answer, Saved, Written):
                 phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
         # The rows of the table, and the bars of the chart
         rows = [
-            CellRow(step.name, step.start, step.duration, step.verdict.clearance, step.limited_by)
+            CellRow(step.name, step.pick, step.start, step.duration, step.verdict.clearance, step.limited_by)
             for step in self.steps
         ]
         bars = [
@@ -606,6 +606,7 @@ class SequenceResult(Answer, Saved, Written):
             duration=self.duration,
             rows=rows,
             left_out=[(pick.name, pick.reason) for pick in self.left_out],
+            parts={pick.name: pick.object_name for pick in (*setup.shared.picks, *(step.pick for step in self.steps))},
             bars=bars,
             lanes=[name for name in PHASES if name not in (*CHANGE, UNWIND) or name in self.by_phase],
             acceleration_source=self.acceleration_source,

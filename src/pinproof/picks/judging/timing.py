@@ -220,10 +220,9 @@ def time_motion(
         stage = Stage.HOLD if isinstance(error, SlipError) else Stage.TIMING
         return StageResult(stage, False, str(error))
     # The figures of the complete motion
-    pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
-    parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
-    message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
+    parts = f" of its {len(motions)} motions" if len(motions) > 1 else ""
+    message = f"collision-free at every instant{parts} (proven)"
     figures = {"duration": joined.duration, "clearance": clearance}
     if torques := [(peak.share, peak, motion.name) for motion in motions for peak in motion.torques]:
         share, peak, name = max(torques, key=lambda each: each[0])

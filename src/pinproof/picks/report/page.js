@@ -74,28 +74,20 @@ function pose(motion) {
 
 function step(by) {
   const shown = [...body.rows].map((row) => Number(row.dataset.row)), place = shown.indexOf(chosen);
-  if (shown.length) choose(shown[place < 0 ? 0 : Math.min(Math.max(place + by, 0), shown.length - 1)]);
+  if (shown.length) chooseRow(shown[place < 0 ? 0 : Math.min(Math.max(place + by, 0), shown.length - 1)]);
 }
 onChoose = choose;
 onFilter = drawArrows;
 byId("before").addEventListener("click", () => step(-1));
 byId("after").addEventListener("click", () => step(1));
-byId("chosen").addEventListener("change", (event) => choose(Number(event.target.value)));
+byId("chosen").addEventListener("change", (event) => chooseRow(Number(event.target.value)));
 
-// A click on an arrow, which a drag is not.
-let pressed = null;
-pane.addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
-pane.addEventListener("pointerup", (event) => {
-  if (!pressed || Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]) > 4) return;
-  const box = pane.getBoundingClientRect(), caster = new THREE.Raycaster();
-  const x = ((event.clientX - box.left) / box.width) * 2 - 1, y = 1 - ((event.clientY - box.top) / box.height) * 2;
-  caster.setFromCamera({ x, y }, viewer.camera);
-  const hit = marked.length ? caster.intersectObject(arrows)[0] : undefined;
-  if (hit) choose(marked[hit.instanceId]);
-});
+// The arrow that a ray hits.
+rowAt = (ray) => (marked.length ? marked[ray.intersectObject(arrows)[0]?.instanceId] : null) ?? null;
 
-// The first good pick, so that there is something to see at once.
+// The pick of the address, or the first good one, so that there is something to see at once.
 drawArrows();
-if (rows.length) choose(Math.max(motions.findIndex((motion) => motion), 0));
+const linked = rowInAddress();
+if (rows.length) choose(linked >= 0 ? linked : Math.max(motions.findIndex((motion) => motion), 0));
 Object.assign(window.pinproof, { choose, arrows });
 Object.defineProperty(window.pinproof, "chosen", { get: () => chosen });

@@ -88,6 +88,11 @@ def write_page(
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     settings, commands, remarks = _animated(shown, stage, arm, scene, picks)
+    kinds = [values["verdict"] for values, _ in shown]
+    colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
+    known = {pick.name: pick.object_name for pick in (*picks.picks, *(v.pick for _, v in shown if v))}
+    parts = stage.nodes(known.get(values["name"]) for values, _ in shown)
+    settings["picks"] = viewer.panels.linked((values["name"] for values, _ in shown), colours, parts)
     # The captions, without stages and parts once they are too long in total
     budget, captions, shortened = MOST_DETAILS, [], 0
     for values, verdict in shown:
@@ -116,8 +121,6 @@ def write_page(
         figures = (_proven_text(values), seconds_text(values.get("duration")))
         own = ("" if texts[k] is None else str(texts[k]) for texts in columns.values())
         cells.append((values["name"], values["verdict"], values.get("failed_at") or "", *figures, Html(why), *own))
-    kinds = [values["verdict"] for values, _ in shown]
-    colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
     options = "".join(
         f'<option value="{k}">{escape(values["name"])} ({escape(kind)})</option>'
         for k, ((values, _), kind) in enumerate(zip(shown, kinds, strict=True))
@@ -180,12 +183,16 @@ def _caption(
         ]
         steps = [(mark, name, f"{seconds}, {clearance}") for mark, name, seconds, clearance in parts] + steps
     lists = {"refuted configurations": row.get("refuted"), "other grasps that failed": row.get("grasps_failed")}
+    shown = [(f"{len(texts)} {name}", tuple(texts)) for name, texts in lists.items() if texts]
+    if (pairs := row.get("pairs_proven")) is not None:
+        what = f"{pairs:,} pairs of bodies: the robot, its tool and parts with each other and with every obstacle."
+        shown.insert(0, ("What is proven not to collide", (what,)))
     return viewer.panels.Caption(
         headline,
         reason,
         tone if tone in theme.TONES else "still",
         tuple((name, text) for name, text in figures.items() if text),
-        tuple((f"{len(texts)} {name}", tuple(texts)) for name, texts in lists.items() if texts),
+        tuple(shown),
         row.get("remedy", ""),
         tuple(steps),
     )
@@ -390,7 +397,7 @@ class PageMotions:
         surfaces = surfaces_of(thing)
         key = (thing.name, b"".join(surface.vertices.tobytes() for surface in surfaces))
         if key not in drawn:
-            drawn[key] = path = viewer.node_path("riders", str(len(drawn)))
+            drawn[key] = path = viewer.node_path("riders", str(len(drawn)), thing.name)
             for number, surface in enumerate(surfaces):
                 commands.set_surface(f"{path}/{number}", surface)
             commands.set_property(path, "visible", False)
@@ -447,6 +454,7 @@ def _animated(
     markers = viewer.PoseMarkers(grasps, colour_of, tuple(map(theme.rgb, theme.VERDICTS.values())))
     settings = {
         **view.settings(),
+        "tools": stage.tools,
         "marked": marked,
         "markers": markers.settings(commands),
         "motions": motions.add_to(commands),

@@ -415,7 +415,7 @@ def test_a_report_is_printed_on_one_page_with_its_picture(picks_page):
 @pytest.fixture(scope="module")
 def cell_page(pages):
     """Two parts of which the first is moved, and the second is left out."""
-    parts = [Obstacle(f"part {k}", Box(0.1, 0.1, 0.1), pose(xyz=(0.4, 0.4 * k - 0.15, 0.05))) for k in range(2)]
+    parts = [Obstacle(f"part {k}", Box(0.1, 0.1, 0.1), pose(xyz=(0.4, 0.35 * k - 0.1, 0.05))) for k in range(2)]
     stage = set_stage(ARM, Scene(parts))
     picks = [Pick(f"pick {k}", pose(), carried=part.name) for k, part in enumerate(parts)]
     write_cell_page(
@@ -438,6 +438,6 @@ def test_a_cell_has_links_colours_and_rows_for_what_is_left_out(visit, cell_page
     press(page, "Top")
     mouse(page, on_screen(page, (0.4, 0.25, 0.1)), click=True)
     assert page.evaluate("location.hash") == "#pick=pick%201"
-    mouse(page, on_screen(page, (0.4, -0.15, 0.1)), click=True)
+    mouse(page, on_screen(page, (0.4, -0.1, 0.1)), click=True)
     assert page.evaluate("location.hash") == "#pick=pick%200"
     page.wait_for("Math.abs(pinproof.viewer.animator.time - 0.5) < 1.2")

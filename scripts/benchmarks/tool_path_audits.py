@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 import pinproof as pp
-from pinproof.tool_paths import FollowPlan, ToolPath
+from pinproof.ik import IkTask
+from pinproof.tool_paths import COSTS, FollowPlan, ToolPath
 
 ARMS = ("ur5", "irb120", "crx10ia", "puma560", "panda")
 
@@ -157,3 +158,75 @@ def wrong(plan: FollowPlan, settings: dict) -> list[str]:
     if plan.pieces[0].trajectory is not None and reached.max() > settings["deviation"] + 1e-3:
         found.append(f"a pose is missed by {reached.max()}")
     return found
+
+
+# -- tries from random starts ------------------------------------------------------------------------------------------
+
+TRIES, STEP, TURN, JUMP = 20, 0.01, 0.1, 0.5
+"""The number of tries; the largest distance (m) and angle (rad) between their places; the largest step of a joint."""
+
+USUAL_SPEED = 0.1
+"""m/s: speed for the cost of paths that state none."""
+
+
+def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng: np.random.Generator):
+    """Whether one of 20 tries from random starts follows the path, its least cost, and that of the plan along it.
+
+    Each try begins at a solution for a random rotation of the tool, and solves the inverse kinematics numerically from
+    place to place; its motion between them must be proven free of contact. It keeps to none of the bounds of the plan.
+    """
+    arm, free = checker.arm, settings["free_rotation"]
+    # The places, with the lines of the approach and the departure
+    at = [np.zeros(1)]
+    for k, (a, b) in enumerate(zip(path.poses, path.poses[1:], strict=False)):
+        turned = float(np.arccos(np.clip(0.5 * (np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0), -1.0, 1.0)))
+        parts = max(1, int(np.ceil(max(np.linalg.norm(b[:3, 3] - a[:3, 3]) / STEP, turned / TURN))))
+        at.append(k + np.arange(1, parts + 1) / parts)
+    where = np.concatenate(at)
+    poses, line = path.at(where), settings["approach"]
+    lengths = np.linspace(line, 0.0, 1 + int(np.ceil(line / STEP)))[:-1]
+    poses = np.concatenate([lifted(poses[0], lengths), poses, lifted(poses[-1], lengths[::-1])])
+    # The starts, at a random rotation of the tool
+    low, high = (-np.pi, np.pi) if free is True else (0.0, 0.0) if free is False else free
+    angles = rng.uniform(low, high, TRIES)
+    cosine, sine = np.cos(angles), np.sin(angles)
+    turns = np.tile(np.eye(4), (TRIES, 1, 1))
+    turns[:, 0, 0], turns[:, 0, 1], turns[:, 1, 0], turns[:, 1, 1] = cosine, -sine, sine, cosine
+    span = arm.limits.sampling_range()
+    first = pp.Clik().solve_batch(arm, poses[0] @ turns, rng.uniform(*span, (TRIES, arm.dof)), rng=rng)
+    alive, rows = first.ok & checker.is_free_batch(first.q), [first.q]
+    task = IkTask(rz=False) if free is True else IkTask()
+    for place in poses[1:]:
+        found = pp.Clik(restarts=0).solve_batch(arm, place @ turns, rows[-1], task=task)
+        alive &= found.ok & (np.abs(found.q - rows[-1]).max(axis=1) <= JUMP)
+        if not alive.any():
+            return False, None, None
+        alive[alive] = checker.edges_free(rows[-1][alive], found.q[alive])
+        rows.append(np.where(alive[:, None], found.q, rows[-1]))
+    # The costs between the places of the path
+    on = slice(len(lengths), len(lengths) + len(where))
+    tried = min(cost(arm, path, where, q[on]) for q in np.array(rows)[:, alive].swapaxes(0, 1)) if alive.any() else None
+    if tried is None or not plan.ok or len(plan.pieces) > 1:
+        return bool(alive.any()), tried, None
+    piece = plan.pieces[0]
+    own = np.column_stack([np.interp(where, piece.poses, column) for column in piece.q.T])
+    return True, tried, cost(arm, path, where, own)
+
+
+def lifted(pose: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """(k, 4, 4) a pose moved back along its z axis by lengths (k,)."""
+    poses = np.tile(pose, (len(lengths), 1, 1))
+    poses[:, :3, 3] -= lengths[:, None] * pose[:3, 2]
+    return poses
+
+
+def cost(arm, path: ToolPath, where: np.ndarray, q: np.ndarray) -> float:
+    """The cost ``balanced`` of configurations (k, n) at places (k,) of a path, from its formula."""
+    own = COSTS["balanced"]
+    points = path.at(where)[:, :3, 3]
+    index = np.floor(0.5 * (where[1:] + where[:-1])).astype(int)
+    speed = USUAL_SPEED if path.speed is None else path.speed[index]
+    times = np.maximum(np.linalg.norm(np.diff(points, axis=0), axis=1) / speed, 1e-3)
+    shares = np.abs(np.diff(q, axis=0)) / arm.limits.velocity
+    total = own.time * np.maximum(shares.max(axis=1), times) + own.travel * shares.sum(axis=1)
+    return float((total + own.effort * (shares**2).sum(axis=1) / times).sum())

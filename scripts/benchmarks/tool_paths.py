@@ -23,7 +23,7 @@ import numpy as np
 
 import pinproof as pp
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
-from benchmarks.tool_path_audits import ARMS, arm_of, random_problem, wrong
+from benchmarks.tool_path_audits import ARMS, arm_of, best_of_tries, random_problem, wrong
 from pinproof.spatial import matrix, rotation_about
 from pinproof.tool_paths import COSTS, ToolPath
 from pinproof.tool_paths.rungs import LadderSettings, Rung, RungLadder
@@ -54,7 +54,12 @@ def audited(arm: str, seed: int) -> Row:
     faults = [f"{arm}, path {seed}: {fault}" for fault in (wrong(plan, settings) if plan.ok else [])]
     if not (plan.ok or plan.blocked or plan.cuts):
         report(f"{arm}, path {seed}: {plan.message}")
-    return Row(arm=arm, seed=seed, status=plan.status.name, seconds=round(took, 4), wrong=faults)
+    # The baseline: paths that a try passes and the plan does not, and the costs of both
+    tried, least, own = best_of_tries(checker, path, settings, plan, np.random.default_rng([seed, 1]))
+    return Row(
+        arm=arm, seed=seed, status=plan.status.name, seconds=round(took, 4), tried=tried, least=least, cost=own,
+        wrong=faults,
+    )  # fmt: skip
 
 
 # -- large paths ------------------------------------------------------------------------------------------------------

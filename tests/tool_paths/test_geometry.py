@@ -57,6 +57,44 @@ def test_a_raster_is_on_the_curved_surface_and_normal_to_it(direction):
     assert (stroke.path.speed == 0.1).all()
 
 
+def profile(outline, seed):
+    """A surface of 200 mm with an outline (k, 2) in x and z, whose flat facets are cut into triangles at random."""
+    rng, count = np.random.default_rng(seed), len(outline)
+    rows = [np.insert(outline, 1, y, axis=1) for y in (-0.1, 0.1)]
+    faces = []
+    for k in range(count - 1):
+        a, b, c, d = k, k + 1, count + k + 1, count + k
+        faces += [(a, b, c), (a, c, d)] if rng.random() < 0.5 else [(a, b, d), (b, c, d)]
+    return trimesh.Trimesh(np.concatenate(rows), faces, process=False)
+
+
+def test_normals_change_evenly_however_facets_are_cut_into_triangles():
+    angle = np.linspace(-0.4, 0.4, 21)
+    arc = 0.4 * np.column_stack([np.sin(angle), np.cos(angle)])
+    for seed in range(3):
+        strokes = raster(profile(arc, seed), direction=X, spacing=0.05, joined=False)
+        assert len(strokes) == 4
+        for stroke in strokes:
+            points, out = points_of(stroke), -stroke.path.poses[:, :3, 2]
+            # Those of the cylinder, except on the halves of the first and the last facet
+            inner = np.abs(points[:, 0]) < arc[-2, 0]
+            expected = points[inner] * [1, 0, 1] / np.linalg.norm(points[inner] * [1, 0, 1], axis=1, keepdims=True)
+            assert np.abs(out[inner] - expected).max() < 1e-6
+
+
+def test_the_normal_of_a_flat_face_beside_a_rounding_is_its_own():
+    angle = np.linspace(0.0, 0.8, 9)
+    rounding = 0.1 * np.column_stack([np.sin(angle), np.cos(angle) - 1.0])
+    for seed in range(3):
+        for stroke in raster(
+            profile(np.vstack([[-0.15, 0.0], rounding]), seed), direction=X, spacing=0.05, joined=False
+        ):
+            points, out = points_of(stroke), -stroke.path.poses[:, :3, 2]
+            assert np.abs(out[points[:, 0] < -0.0051] - UP).max() < 1e-9
+            # The line has no points in the middle of the flat face but its first or last one
+            assert (points[:, 0] < -0.0051).sum() == 1
+
+
 def test_the_lines_of_a_raster_have_their_spacing_and_alternate():
     strokes = raster(wavy(), direction=X, spacing=0.02, joined=False)
     assert len(strokes) == 10

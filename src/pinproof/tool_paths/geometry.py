@@ -27,6 +27,8 @@ from pinproof.units import FAR, LENGTH_UNITS
 FLAT, CURVED = 1e-3, 0.5
 # rad: largest angle between the normal of a raster and the normals of the surface on which it is.
 FACING = np.radians(75.0)
+# M: largest distance from an edge at which its normal differs from that of the facet, and of points that are one.
+BLENDED, CLOSE = 0.01, 1e-9
 # Largest number of lines of a raster; more follow from a spacing in other units.
 MOST_LINES = 5000
 
@@ -118,14 +120,34 @@ class Surface:
                 triangles.append(ahead[0])
             if triangles:
                 a, b = self.vertices[first[line]], self.vertices[second[line]]
-                chains.append((a + share[line][:, None] * (b - a), self._between(triangles, line[0] == line[-1])))
+                chains.append(self._chain(a + share[line][:, None] * (b - a), triangles, straight=True))
         return chains
 
-    def _between(self, triangles: list[int], closed: bool) -> Array:
-        """(k + 1, 3) the normals at the ends of, and between, k triangles in order: the mean of both."""
-        own = self.normals[triangles]
-        before, after = (own[-1:], own[:1]) if closed else (own[:1], own[-1:])
-        return np.concatenate([before, own]) + np.concatenate([own, after])
+    def _chain(self, points: Array, triangles: list[int], *, straight: bool) -> Chain:
+        """A line through points (k + 1, 3) on k triangles, with its normals.
+
+        Neighbouring triangles in one plane are a facet. In its middle, the normal is that of the facet; at an edge to
+        another facet it is the mean of both, and it changes evenly within half of the shorter facet, but at most
+        :data:`BLENDED`, from the edge. So it does not depend on how facets are cut into triangles. Facets of section
+        lines are ``straight``: their points within a facet are left out.
+        """
+        own, at = self.normals[triangles], _lengths(points)
+        differs = np.linalg.norm(own - np.roll(own, 1, axis=0), axis=1) > FLAT
+        edges = np.concatenate([[0], 1 + np.flatnonzero(differs[1:]), [len(own)]])
+        flat, length = own[edges[:-1]], np.diff(at[edges])
+        width = np.minimum(0.5 * np.minimum(length, np.roll(length, 1)), BLENDED)
+        width[0] *= differs[0] and (points[0] == points[-1]).all()
+        # At the start of each facet the mean, then its own normal up to where it changes to the next one
+        mean = flat + np.roll(flat, 1, axis=0) * (width > 0.0)[:, None]
+        mean /= np.linalg.norm(mean, axis=1, keepdims=True).clip(1e-12)
+        places = np.column_stack([at[edges[:-1]], at[edges[:-1]] + width, at[edges[1:]] - np.roll(width, -1)])
+        normals = np.stack([mean, flat, flat], axis=1).reshape(-1, 3)
+        places = np.append(places.ravel(), at[-1])
+        normals = np.concatenate([normals, mean[:1] if width[0] else flat[-1:]])
+        rows = np.union1d(places, at[edges] if straight else at)
+        rows = rows[(rows > CLOSE) & (rows < at[-1] - CLOSE)]
+        rows = np.concatenate([[0.0], rows[np.diff(rows, append=np.inf) > CLOSE], at[-1:]])
+        return _at(rows, at, points), _at(rows, places, normals)
 
     def boundary(self, inside: Flags) -> list[Chain]:
         """The closed lines around the triangles ``inside`` (F,), which are to the left; holes are lines too."""
@@ -147,7 +169,7 @@ class Surface:
                 vertex, number = following.pop(line[-1])
                 line.append(vertex)
                 triangles.append(number)
-            chains.append((self.vertices[line], self._between(triangles, True)))
+            chains.append(self._chain(self.vertices[line], triangles, straight=False))
         return chains
 
 
@@ -326,16 +348,24 @@ class Raster:
         return strokes
 
 
+def _lengths(points: Array) -> Array:
+    """(k,) the length of a line up to each of its points (k, 3)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def _at(rows: Array, places: Array, values: Array) -> Array:
+    """(m, 3) values (k, 3) at places (k,) of a line, between them at others (m,)."""
+    return np.column_stack([np.interp(rows, places, column) for column in values.T])
+
+
 def _shortened(points: Array, normals: Array, margin: float) -> Chain | None:
     """A line without a length at both ends; None if nothing is left."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    lengths = _lengths(points)
     low, high = margin, lengths[-1] - margin
     if high - low <= 1e-6:
         return None
-    kept = (lengths > low) & (lengths < high)
-    ends = [[np.interp(at, lengths, column) for column in (*points.T, *normals.T)] for at in (low, high)]
-    rows = np.concatenate([ends[:1], np.column_stack([points, normals])[kept], ends[1:]])
-    return rows[:, :3], rows[:, 3:]
+    rows = np.concatenate([[low], lengths[(lengths > low) & (lengths < high)], [high]])
+    return _at(rows, lengths, points), _at(rows, lengths, normals)
 
 
 def _link(surface: Surface, begin: Array, end: Array, up: Array, inside: Flags) -> Chain | None:

@@ -22,9 +22,9 @@ from pinproof.cell import (
     place_base,
     without_parts,
 )
+from pinproof.cell.placement.placed_work import CertifyTask, PickWork
 from pinproof.cell.placement.placement_result import CertifiedPlacement
 from pinproof.cell.placement.region import PlacedRobot, mounting_pose
-from pinproof.cell.placement.screening import CertifyTask
 from pinproof.picks import (
     PickBudget,
     PickSetup,
@@ -235,18 +235,20 @@ def test_resumed_search_starts_its_workers_once(tmp_path, arm, scene, bolts, mon
 def test_setups_of_other_placements_keep_no_caches(arm, scene, bolts) -> None:
     """Caches of a judged setup may take hundreds of megabytes, and dozens of placements are judged."""
     placed = PlacedRobot.make(arm, scene, np.eye(4))
-    setups = tuple(
-        PickSetup.make(placed.arm_at(np.array([x, 0, 0, 0])), placed.scene, bolts, home=None, rng=0, budget=QUICK)
+    work = PickWork(bolts)
+    home, weights = arm.home if not bolts.home else bolts.home_configuration(arm.joint_names, arm.home), PickWeights()
+    judgings = tuple(
+        work.judging(placed.arm_at(np.array([x, 0, 0, 0])), placed.scene, home, 0, weights, QUICK)
         for x in (-0.1, -0.05)
     )
-    task = CertifyTask(setups, (bolts, bolts))
+    task = CertifyTask(judgings)
     rows = task(0, [(0, 0)])
-    judged = weakref.ref(task._current[0][1])
+    judged = weakref.ref(task._current[0][1].setup)
     rows += task(1, [(1, 0), (1, 1)])
     assert judged() is None
     assert [row["ok"] for row in rows] == [True, True, True]
-    assert ["cell" in vars(setup) for setup in setups] == [False, False]
-    expected = setups[1].judge(1, bolts.picks[1])
+    assert ["cell" in vars(judging.setup) for judging in judgings] == [False, False]
+    expected = judgings[1].setup.judge(1, bolts.picks[1])
     assert rows[2]["duration"] == expected.trajectory.duration  # type: ignore[union-attr]  # it is good
 
 

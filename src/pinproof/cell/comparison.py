@@ -6,7 +6,6 @@ from dataclasses import replace
 from enum import Enum
 from operator import attrgetter
 
-from pinproof.cell.placement.placement_result import total_time
 from pinproof.common import structs as st
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Rows, Saved, View, Written
@@ -126,12 +125,12 @@ class CellComparison(Saved, Written):
     @st.reported("s", minimum=0)
     def cycle_time_before(self) -> float:
         """Sum of the times of all good picks of the first."""
-        return total_time(self.before)
+        return self.before.total_time
 
     @st.reported("s", minimum=0)
     def cycle_time_after(self) -> float:
         """Sum of the times of all good picks of the second."""
-        return total_time(self.after)
+        return self.after.total_time
 
     @st.reported(kind=st.mapping_to(st.COUNT))
     def counts(self) -> dict[str, int]:

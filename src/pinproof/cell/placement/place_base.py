@@ -3,7 +3,8 @@
 The search is hierarchical. A grid of placements is screened at the grasps of all picks
 (:mod:`pinproof.cell.placement.screening`), with an estimate of the objective where every pick works. The best
 placements are refined by the evolution strategy CMA-ES, which needs no derivatives. The best few are certified: every
-pick is judged in all stages, and the placement with the best certified value is the result.
+pick is judged in all stages, and the placement with the best certified value is the result. What is said of picks holds
+for the items of any work (:mod:`pinproof.cell.placement.placed_work`), such as a job of tool paths.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.placement.placed_work import CertifyTask, Judging, PickWork, PlacedReport, PlacedWork
 from pinproof.cell.placement.placement_result import (
     CertifiedPlacement,
     PlacementMap,
@@ -29,9 +31,7 @@ from pinproof.cell.placement.screening import (
     LADDER,
     OBJECTIVES,
     REACH,
-    CertifyTask,
     Deviations,
-    GraspTable,
     GridTask,
     PlacementScreening,
     RefineTask,
@@ -44,18 +44,7 @@ from pinproof.common.structs import key, struct
 from pinproof.common.validation import refuse_repeated, require_integer
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
-from pinproof.picks import (
-    Pick,
-    PickBudget,
-    PickCell,
-    PickReport,
-    Picks,
-    PickSetup,
-    PickVerdict,
-    PickWeights,
-    check_held_joints,
-    checker_of_picks,
-)
+from pinproof.picks import Pick, PickBudget, PickCell, Picks, PickWeights, check_held_joints, checker_of_picks
 from pinproof.spatial import Array
 from pinproof.work import IN_FLIGHT, Progress, Runner, Workers
 
@@ -96,7 +85,7 @@ class PlacementBudget:
 def place_base(
     arm: Arm,
     scene: Scene,
-    picks: Picks | Sequence[Pick],
+    picks: Picks | Sequence[Pick] | PlacedWork,
     region: PlacementRegion,
     *,
     moves_with_base: Sequence[str] = (),
@@ -121,6 +110,7 @@ def place_base(
         The arm.
     scene, picks
         The obstacles and the picks in the frame of the cell; the placement is the pose of the root link in this frame.
+        For a job of tool paths, see :func:`pinproof.tool_paths.place_job`.
     region
         The placements that are searched, and forbidden zones.
     moves_with_base
@@ -152,12 +142,9 @@ def place_base(
         After Ctrl-C (a KeyboardInterrupt); its ``result`` has what was found before.
     """
     # the arguments are checked before any work
-    picks = picks if isinstance(picks, Picks) else Picks(tuple(picks))
-    if not len(picks):
-        raise InputError("there are no picks; a placement is searched for at least one pick")
-    if picks.problems:
-        first = picks.problems[0]
-        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
+    if not isinstance(picks, Picks | PlacedWork):
+        picks = Picks(tuple(picks))
+    work = PickWork(picks) if isinstance(picks, Picks) else picks
     if objective not in OBJECTIVES:
         raise UnknownNameError("objective", objective, OBJECTIVES)
     require_integer("rng", rng, 0)
@@ -167,14 +154,14 @@ def place_base(
         evolution_strategy()  # refused before the grid is screened, if it is not installed
     # one search over all alternatives
     alternatives = [
-        _Alternative.make(arm, scene, picks, region, moves_with_base, choice, home)
+        _Alternative.make(arm, scene, work, region, moves_with_base, choice, home)
         for choice in choices or (PlacementChoice("default"),)
     ]
     if not choices:
         alternatives = [replace(alternatives[0], name="")]
     search = _PlacementSearch(
         alternatives,
-        picks,
+        work,
         region,
         objective,
         effort,
@@ -198,7 +185,7 @@ class _Alternative:
 
     name: str
     placed: PlacedRobot
-    picks: Picks
+    work: PlacedWork
     home: Array
     screening: PlacementScreening
 
@@ -207,19 +194,19 @@ class _Alternative:
         cls,
         arm: Arm,
         scene: Scene,
-        picks: Picks,
+        work: PlacedWork,
         region: PlacementRegion,
         moves_with_base: Sequence[str],
         choice: PlacementChoice,
         home: npt.ArrayLike | None,
     ) -> _Alternative:
-        picks.refuse_conveyor("base placement")
-        own = choice.arm or arm
+        own, stated = choice.arm or arm, work.settings
         # what the choice replaces; another robot does not know the home of the picks
         changes: dict[str, Any] = {"tip": choice.tip, "tool": choice.tool}
-        if choice.arm is not None and set(picks.home) - set(own.joint_names):
+        if choice.arm is not None and set(stated.home) - set(own.joint_names):
             changes["home"] = {}
-        shared = replace(picks, **{name: value for name, value in changes.items() if value is not None})
+        work = work.changed(replace(stated, **{name: value for name, value in changes.items() if value is not None}))
+        shared = work.settings
         shared.check_tools()
         check_held_joints(own, shared)
         # the start of the motions, checked before any placement is screened
@@ -228,31 +215,19 @@ class _Alternative:
         start = own.limits.snap(own.configuration(start, "home"))
         if outside := own.limits.violations(start, own.joint_names):
             raise InputError(f"home is not a valid start: {'; '.join(outside)}")
-        # the grasps in the cell do not depend on the placement, so they are computed once, at the middle of the region
+        # the poses in the cell do not depend on the placement, so they are computed once, at the middle of the region
         placed = PlacedRobot.make(own, scene, choice.placement_from_root, moves_with_base)
-        placed.refuse_picks_on_base(picks.picks, shared)
+        placed.refuse_on_base(work.frames(), shared)
         middle = (region.lower + region.upper) / 2
         checker = checker_of_picks(placed.arm_at(middle), placed.scene, shared)
         cell = PickCell(checker, replace(shared, picks=(), problems=()), start)
-        table = GraspTable.of(shared, cell)
-        if len(table.problems):
-            index, reason = next(iter(table.problems.items()))
-            raise InputError(f"pick {picks.picks[index].name!r} is invalid: {reason}")
-        return cls(
-            choice.name, placed, shared, start, PlacementScreening(placed, shared, start, table, region.forbidden)
-        )
+        screening = PlacementScreening(placed, shared, start, work.table(cell), region.forbidden)
+        return cls(choice.name, placed, work, start, screening)
 
-    def setup(self, placement: Array, search: _PlacementSearch) -> PickSetup:
-        """What the picks are judged with at a placement (4,)."""
-        return PickSetup.make(
-            self.placed.arm_at(placement),
-            self.placed.scene,
-            self.picks,
-            home=self.home,
-            rng=search.rng,
-            weights=search.weights,
-            budget=search.pick_budget,
-        )
+    def judging(self, placement: Array, search: _PlacementSearch) -> Judging:
+        """What the items are judged with at a placement (4,)."""
+        arm = self.placed.arm_at(placement)
+        return self.work.judging(arm, self.placed.scene, self.home, search.rng, search.weights, search.pick_budget)
 
 
 @dataclass(eq=False)
@@ -260,7 +235,7 @@ class _PlacementSearch:
     """The state of a search; :meth:`result` gives what is known at any time."""
 
     alternatives: list[_Alternative]
-    picks: Picks
+    work: PlacedWork
     region: PlacementRegion
     objective: str
     budget: PlacementBudget
@@ -272,7 +247,7 @@ class _PlacementSearch:
     candidates: list[CertifiedPlacement] = field(default_factory=list)
     sensitivity: tuple[PlacementSensitivity, ...] = ()
     evaluations: int = 0
-    _verdicts: dict[tuple[float, ...], dict[int, PickVerdict]] = field(default_factory=dict)
+    _verdicts: dict[tuple[float, ...], dict[int, Any]] = field(default_factory=dict)
 
     def identity(self) -> dict[str, Any]:
         """What all results depend on, as plain values."""
@@ -282,7 +257,7 @@ class _PlacementSearch:
                 choice.screening.checker.fingerprint(),
                 choice.placed.mounting.tobytes(),
                 choice.home.tolist(),
-                digest(choice.picks),
+                digest(choice.work),
                 digest(choice.placed.original.limits),
             )
             for choice in self.alternatives
@@ -307,7 +282,7 @@ class _PlacementSearch:
         items = [(number, values) for number in range(len(screenings)) for values in grid]
         rows = self.runner.run("grid", GridTask(screenings, self.objective), items, 64)
         self.evaluations += len(rows)
-        total = len(self.picks)
+        total = len(self.alternatives[0].screening.table)
         self.map = PlacementMap(
             np.tile(grid, (len(screenings), 1)),
             tuple(alternative.name for alternative in self.alternatives),
@@ -339,22 +314,22 @@ class _PlacementSearch:
         return self.result()
 
     def _certify(self, screened: list[Screened], steps: Array) -> None:
-        """Judge all picks at the best placements, until one is found at which every pick is good."""
+        """Judge all items at the best placements, until one is found at which every item is good."""
+        count = len(self.work.names)
         spread = _apart(screened, steps / 4, max(MOST_ROUNDS * self.budget.certified, self.budget.sampled))
-        certified_value = OBJECTIVES[self.objective].certified
         # with many picks, the best placements are sorted by a random sample of the picks that is judged there
         working = sum(row["estimate"] is not None for _, _, row in spread)
         chosen = spread[: min(self.budget.sampled, working)]
-        if len(self.picks) > SAMPLE and len(chosen) > 1:
-            sample = np.random.default_rng(self.rng).permutation(len(self.picks))[:SAMPLE]
+        if count > SAMPLE and len(chosen) > 1:
+            sample = np.random.default_rng(self.rng).permutation(count)[:SAMPLE]
             reports = self._judge("sample", chosen, sorted(sample.tolist()))
-            key = [(-len(report.good), certified_value(report)) for report in reports]
+            key = [(-len(report.good), self.work.score(report, self.objective)) for report in reports]
             spread[: len(chosen)] = [chosen[k] for k in sorted(range(len(chosen)), key=lambda k: key[k])]
         for number in range(MOST_ROUNDS):
             chosen = spread[number * self.budget.certified : (number + 1) * self.budget.certified]
             if not chosen or (number and chosen[0][2]["estimate"] is None):
                 return  # placements at which picks already fail in the screening are judged only if there are no others
-            reports = self._judge(f"certify_{number + 1}", chosen, range(len(self.picks)))
+            reports = self._judge(f"certify_{number + 1}", chosen, range(count))
             for (choice, values, row), report in zip(chosen, reports, strict=True):
                 alternative, estimate = self.alternatives[choice], row["estimate"]
                 self.candidates.append(
@@ -362,7 +337,7 @@ class _PlacementSearch:
                         Placement.of(values, alternative.name),
                         report,
                         np.nan if estimate is None else estimate,
-                        certified_value(report),
+                        self.work.score(report, self.objective),
                         alternative.placed,
                     )
                 )
@@ -370,31 +345,20 @@ class _PlacementSearch:
             if self.candidates[0].ok:
                 return
 
-    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PickReport]:
-        """The reports on the picks with these indices at each placement; each pick is judged once at a placement."""
-        setups = tuple(self.alternatives[choice].setup(values, self) for choice, values, _ in chosen)
-        picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
+    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PlacedReport]:
+        """The reports on the items with these indices at each placement; each item is judged once at a placement."""
+        judgings = tuple(self.alternatives[choice].judging(values, self) for choice, values, _ in chosen)
         known = [self._verdicts.setdefault((choice, *values.tolist()), {}) for choice, values, _ in chosen]
         items = [(k, index) for k in range(len(chosen)) for index in indices if index not in known[k]]
-        task = CertifyTask(setups, picks)
+        task = CertifyTask(judgings)
         rows = dict(zip(items, self.runner.run(stage, task, items, 1), strict=True))
-        # rows that were read from the folder have no motions, so these picks are judged again
+        # rows that were read from the folder have no motions, so these items are judged again
         if read := [item for item, row in rows.items() if "keep" not in row]:
             again = self.runner.run(f"{stage}_again", task, read, 1, in_memory=True)
             rows.update(zip(read, again, strict=True))
         for (k, index), row in rows.items():
             known[k][index] = row["keep"]
-        return [
-            PickReport(
-                self.alternatives[choice].placed.original.robot.name,
-                tuple(known[k][index] for index in indices),
-                picks[k].problems,
-                setup.checker.arm.limits.acceleration_source,
-                setup.not_covered({pick.carried is not None for pick in picks[k]}),
-                setup,
-            )
-            for k, ((choice, _, _), setup) in enumerate(zip(chosen, setups, strict=True))
-        ]
+        return [judging.report([known[k][index] for index in indices]) for k, judging in enumerate(judgings)]
 
     def _measure_sensitivity(self) -> None:
         """Find how far the base may be off along each axis, by judging every pick in all stages at some deviations.
@@ -419,16 +383,16 @@ class _PlacementSearch:
             if not chosen:
                 break
             # all picks at each of these deviations, in all stages
-            setups = tuple(alternative.setup(directions[d].moved(values, k), self) for d, k in chosen)
-            items = [(place, index) for place in range(len(chosen)) for index in range(len(self.picks))]
-            task = CertifyTask(setups, (alternative.picks,) * len(chosen), keep=False)
+            judgings = tuple(alternative.judging(directions[d].moved(values, k), self) for d, k in chosen)
+            items = [(place, index) for place in range(len(chosen)) for index in range(len(self.work.names))]
+            task = CertifyTask(judgings, keep=False)
             rows = self.runner.run(f"sensitivity_{number}", task, items, 1)
             # for each deviation the first pick that fails, with its stage
             judged: list[dict[int, tuple[str, str]]] = [{} for _ in directions]
             for (place, index), row in zip(items, rows, strict=True):
                 d, k = chosen[place]
                 if judged[d].setdefault(k, ("", ""))[0] == "" and not row["ok"]:
-                    judged[d][k] = self.picks.picks[index].name, row["failed_at"]
+                    judged[d][k] = self.work.names[index], row["failed_at"]
             directions = [direction.after(judged[d]) for d, direction in enumerate(directions)]
         self.sensitivity = tuple(
             PlacementSensitivity(
@@ -446,10 +410,10 @@ class _PlacementSearch:
             tuple(self.candidates),
             self.map,
             self.region,
-            self.picks,
+            self.work,
             self.objective,
             self.sensitivity,
-            0.0 if best is None else max(0.0, best.clearance - self.alternatives[0].picks.margin),
+            0.0 if best is None else max(0.0, best.clearance - self.alternatives[0].work.settings.margin),
             failing,
             self._message(failing) + ("; interrupted" if interrupted and self.map is not None else ""),
             self.evaluations,
@@ -457,26 +421,27 @@ class _PlacementSearch:
         )
 
     def _failing(self, grid: PlacementMap) -> dict[str, str]:
-        """Why each pick fails that passes the screening, or is good, at no placement."""
-        judged = self.candidates[0].report.verdicts if self.candidates else [None] * len(self.picks)
+        """Why each screened item fails that passes the screening, or is good, at no placement."""
+        judged = self.candidates[0].report if self.candidates else None
         reasons = {}
-        for index, (pick, verdict) in enumerate(zip(self.picks, judged, strict=True)):
-            # picks that pass somewhere and are good at the judged placement do not fail
+        for index, name in enumerate(self.alternatives[0].screening.table.names):
+            # items that pass somewhere and are good at the judged placement do not fail
             codes = grid.codes[grid.base, index]
             passes = bool((codes == FREE).any())
-            if passes and (verdict is None or verdict.ok):
+            reason = None if judged is None else self.work.reason(judged, index)
+            if passes and reason is None:
                 continue
-            at_least_failing = "" if verdict is None else f"at the least failing placement: {verdict.reason}"
+            at_least_failing = "" if reason is None else f"at the least failing placement: {reason}"
             # the reasons at the placements whose base is free
             reach = int((codes == REACH).sum())
             counts = {"out of reach": reach, "in contact": len(codes) - reach}
             everywhere = ", ".join(f"{why} at {n} of {len(codes)} placements" for why, n in counts.items() if n)
             if not len(codes):
-                reasons[pick.name] = "the base or the arm at home is in contact at every placement"
+                reasons[name] = "the base or the arm at home is in contact at every placement"
             elif passes:
-                reasons[pick.name] = f"fails {at_least_failing}"
+                reasons[name] = f"fails {at_least_failing}"
             else:
-                reasons[pick.name] = "; ".join(filter(None, (everywhere, at_least_failing)))
+                reasons[name] = "; ".join(filter(None, (everywhere, at_least_failing)))
         return reasons
 
     def _message(self, failing: Mapping[str, str]) -> str:
@@ -484,23 +449,23 @@ class _PlacementSearch:
         if self.map is None:
             return f"no result: the grid of placements is not complete ({searched})"
         feasible = int(self.map.feasible.sum())
-        searched += f", all picks pass the screening at {feasible:,} of {len(self.map):,} of the grid"
+        searched += f", all {self.work.poses} pass the screening at {feasible:,} of {len(self.map):,} of the grid"
         # no placement: the base itself, no pick judged, or some pick fails everywhere
         if not self.map.base.any():
             contacts = self.alternatives[0].screening.base_contacts(self.map.placements[len(self.map) // 2])
             return f"no placement: the base or the arm at home is in contact everywhere ({contacts}); {searched}"
         if self.candidates and self.candidates[0].ok:
-            best = self.candidates[0]
+            best, done = self.candidates[0], f"{self.work.parts} are {self.work.success}"
             off = ""
             if self.sensitivity:
                 judged = sum(row.judged_below + row.judged_above for row in self.sensitivity)
                 off = (
-                    f"; if the base is off along one axis, all picks are good in all stages at each of the {judged} "
-                    f"judged deviations within {', '.join(row.range for row in self.sensitivity)}"
+                    f"; if the base is off along one axis, all {done} at each of the {judged} judged "
+                    f"deviations within {', '.join(row.range for row in self.sensitivity)}"
                 )
             return (
-                f"best placement {best.placement}: all {len(self.picks)} picks are good in all stages, cycle time "
-                f"{best.cycle_time:.3f} s{off}; {searched}"
+                f"best placement {best.placement}: all {best.judged} {done}, cycle time {best.cycle_time:.3f} s{off}; "
+                f"{searched}"
             )
         if not self.candidates:
             return f"no placement was judged yet; {searched}"
@@ -508,8 +473,8 @@ class _PlacementSearch:
         names = list(failing)
         listed = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
         return (
-            f"no placement at which all picks are good; the least failing one is {least.placement} with "
-            f"{len(least.report.good)} of {len(self.picks)} good picks; failing: {listed}; {searched}"
+            f"no placement at which all {self.work.parts} are good; the least failing one is {least.placement} with "
+            f"{least.good} of {least.judged} good {self.work.parts}; failing: {listed}; {searched}"
         )
 
 

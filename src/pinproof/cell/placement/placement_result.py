@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.placement.placed_work import PlacedWork
 from pinproof.cell.placement.region import AXES, PlacedRobot, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common import structs as st
@@ -18,7 +19,6 @@ from pinproof.common.results import Answer, Rows, Saved, Shown, View, Written
 from pinproof.common.validation import freeze_arrays, optional_module
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks import PickReport, Picks
 from pinproof.spatial import SE3, Array, rigid, xyz_rpy
 from pinproof.viewer import ColouredPoints
 
@@ -53,11 +53,11 @@ PLACED_POSE = st.report_table(
     eq=False,
 )
 class CertifiedPlacement(Shown, Written):
-    """A placement at which all picks were judged."""
+    """A placement at which all picks, or a job of tool paths, were judged."""
 
     placement: Placement = st.key("the placement", inline=st.table_of(Placement))
-    report: PickReport = st.key(
-        "the verdicts on all picks, in the frame of the cell, with certificates of the good ones", hidden=True
+    report: Any = st.key(
+        "the report on all picks, or on the job, in the frame of the cell, with certificates", hidden=True
     )
     estimate: float = st.key("the value of the objective that the screening estimated", kind=st.OPTIONAL_NUMBER)
     score: float = st.key("the certified value of the objective, which is minimised", kind=st.OPTIONAL_NUMBER)
@@ -65,28 +65,28 @@ class CertifiedPlacement(Shown, Written):
 
     @property
     def ok(self) -> bool:
-        """Whether every pick is good."""
-        return self.report.ok
+        """Whether every pick is good, or the job is followed."""
+        return bool(self.report.ok)
 
     @st.reported(minimum=0)
     def good(self) -> int:
-        """Number of good picks."""
+        """Number of good picks, or of strokes that are followed."""
         return len(self.report.good)
 
     @st.reported(name="picks", minimum=0)
     def judged(self) -> int:
-        """Number of picks."""
-        return len(self.report.verdicts)
+        """Number of picks, or of strokes."""
+        return int(self.report.judged)
 
     @st.reported("s", minimum=0)
     def cycle_time(self) -> float:
-        """Sum of the times of all good picks."""
-        return total_time(self.report)
+        """Sum of the times of all good picks, or the time of the job."""
+        return float(self.report.total_time)
 
     @st.reported("m", name="clearance_proven", kind=st.OPTIONAL_NUMBER)
     def clearance(self) -> float:
         """Smallest proven clearance of all motions."""
-        return min((verdict.clearance for verdict in self.report.good), default=float("nan"))
+        return float(self.report.clearance)
 
     @property
     def arm(self) -> Arm:
@@ -112,12 +112,7 @@ class CertifiedPlacement(Shown, Written):
         return self.cell_from_root.inverse()
 
     def _view(self) -> View:
-        return View(f"{self.placement}: {self.good} of {self.judged} picks good, {self.cycle_time:.3f} s")
-
-
-def total_time(report: PickReport) -> float:
-    """Seconds: the sum of the times of all good picks of a report."""
-    return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
+        return View(f"{self.placement}: {self.good} of {self.judged} good, {self.cycle_time:.3f} s")
 
 
 @st.struct("sensitivity", written=True)
@@ -184,7 +179,7 @@ class PlacementResult(Answer, Saved, Written):
     )
     map: PlacementMap | None = st.key("the heat map: the screened grid; null if the search was interrupted before")
     region: PlacementRegion = st.key("the ranges of x, y, z (m) and yaw (rad)", kind=REGION)
-    picks: Picks = st.key("the picks as given", hidden=True)
+    work: PlacedWork = st.key("the picks or the job of tool paths as given", hidden=True)
     objective: str = st.key("what was optimised", kind=st.choice("cycle_time", "clearance", "manipulability"))
     sensitivity: tuple[PlacementSensitivity, ...] = st.key(
         "how far the base may be off at the best placement", default=()
@@ -243,10 +238,10 @@ class PlacementResult(Answer, Saved, Written):
             for candidate in self.candidates
         )
         columns = ("choice", "x [m]", "y [m]", "z [m]", "yaw [rad]", "good", "cycle time [s]", "clearance [mm]")
-        heads = ("axis", "all picks good below to", "fails first", "all picks good above to", "fails first")
+        heads = ("axis", "all good below to", "fails first", "all good above to", "fails first")
         failing = [f"{name}: {reason}" for name, reason in self.failing.items()]
         if len(failing) > MOST_FAILING:
-            failing[MOST_FAILING:] = [f"and {len(failing) - MOST_FAILING} more picks"]
+            failing[MOST_FAILING:] = [f"and {len(failing) - MOST_FAILING} more"]
         parts = [
             Rows(columns, rows, numbers={*columns[1:5], *columns[6:]}),
             Rows(heads, [axis.row() for axis in self.sensitivity]) if self.sensitivity else None,
@@ -272,7 +267,7 @@ class PlacementResult(Answer, Saved, Written):
         for number, floor in enumerate(grid.floors):
             name, share, seconds = floor.choice, floor.share, floor.seconds
             for panel, values, label, colours, limits in (
-                (panels[number][0], share, "share of picks that pass screening", "viridis", (0.0, 1.0)),
+                (panels[number][0], share, f"share of {self.work.poses} that pass screening", "viridis", (0.0, 1.0)),
                 (panels[number][1], seconds, "estimated cycle time [s]", "viridis_r", (None, None)),
             ):
                 if np.isfinite(values).any():
@@ -354,7 +349,7 @@ class PlacementMap(Shown, Written):
         return len(self.placements)
 
     def _view(self) -> View:
-        return View(f"{len(self):,} placements, all picks pass the screening at {self.feasible.sum():,}")
+        return View(f"{len(self):,} placements, everything passes the screening at {self.feasible.sum():,}")
 
     @st.reported("m", kind=st.list_of(st.PLAIN_NUMBER))
     def x(self) -> Array:
@@ -405,7 +400,7 @@ class PlacementMap(Shown, Written):
         known = np.isfinite(values)
         xyz = np.column_stack([x[known], y[known], np.full(int(known.sum()), height)])
         steps = [float(axis[1] - axis[0]) for axis in self.axes[:2] if len(axis) > 1]
-        label = "estimated cycle time [s]:" if seconds else "share of picks that pass the screening:"
+        label = "estimated cycle time [s]:" if seconds else "share that passes the screening:"
         shown, size = values[known], 0.4 * min(steps, default=0.05)
         low, high = (float(shown.min(initial=np.inf)), float(shown.max(initial=-np.inf))) if seconds else (0.0, 1.0)
         if not low < high:  # none or one value

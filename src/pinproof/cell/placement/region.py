@@ -16,7 +16,7 @@ from pinproof.common.validation import refuse_repeated, require_integer
 from pinproof.description import CELL, PLACEMENT_JOINTS, LinkGeometry, MeshFile, moved_by, with_movable_base
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, Robot
-from pinproof.picks import Pick, Picks, spec_of_picks
+from pinproof.picks import Picks, spec_of_picks
 from pinproof.spatial import SE3, Array, finite, frozen, matrix, pose, rigid, rigid_matrix
 
 Range = tuple[float, float]
@@ -307,21 +307,20 @@ class PlacedRobot:
         owners = [{checker.bodies[k].owner for k in pair} for pair in checker.pairs]
         return checker.without_pairs(k for k, own in enumerate(owners) if own.isdisjoint(scene.names) or not own & base)
 
-    def refuse_picks_on_base(self, picks: Sequence[Pick], shared: Picks) -> None:
-        """Raise if a pick is stated in the frame of the robot or of a body that moves with the base.
+    def refuse_on_base(self, stated: Iterable[tuple[str, str]], shared: Picks) -> None:
+        """Raise if a part of the work is stated in the frame of the robot or of a body that moves with the base.
 
-        InputError the message names the pick and the frame.
+        InputError the message names the part and the frame.
         """
-        for pick in picks:
-            for frame in (pick.frame, "" if pick.place is None else pick.place.frame):
-                parent = frame
-                for _ in range(len(shared.frames) + 1):
-                    parent = shared.frames[parent].frame if parent in shared.frames else parent
-                if parent and parent not in self.scene.names:
-                    raise InputError(
-                        f"pick {pick.name!r} is stated in the frame {frame!r}, which moves with the base; state it in "
-                        "the frame of the cell or of an obstacle that does not move with the base"
-                    )
+        for part, frame in stated:
+            parent = frame
+            for _ in range(len(shared.frames) + 1):
+                parent = shared.frames[parent].frame if parent in shared.frames else parent
+            if parent and parent not in self.scene.names:
+                raise InputError(
+                    f"{part} is stated in the frame {frame!r}, which moves with the base; state it in the frame of the "
+                    "cell or of an obstacle that does not move with the base"
+                )
 
 
 def _geometry(obstacle: Obstacle) -> LinkGeometry:

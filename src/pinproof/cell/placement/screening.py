@@ -10,15 +10,13 @@ estimated: a joint that moves by d from rest to rest within its limits v and a t
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement.placement_result import total_time
 from pinproof.cell.placement.region import METRES_PER_RADIAN, PlacedRobot, PlacementRegion
 from pinproof.collision import CollisionChecker, Obstacle
 from pinproof.common.structs import described, key
@@ -27,7 +25,7 @@ from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
 from pinproof.motion import Bounds, least_times
-from pinproof.picks import TURN, PickCell, PickReport, Picks, PickSetup, PickTask, PickWeights, ScreenStatus, code_of
+from pinproof.picks import TURN, PickCell, PickReport, Picks, PickTask, PickWeights, ScreenStatus, code_of
 from pinproof.spatial import Array, matrix
 
 Mask = npt.NDArray[np.bool_]
@@ -72,6 +70,8 @@ class GraspTable:
     later: Mask = key("(R,) whether the grasp is screened only if the first ones fail")
     nominal: Array = key("(P, 4, 4) ``cell_from_tip`` of the nominal grasp of each pick")
     problems: dict[int, str] = key("the reason for each pick that is invalid in this cell, by its index")
+    share: float = key("the share of the times of all picks that counts", default=1.0)
+    seconds: float = key("time that is needed at any placement", "s", default=0.0)
 
     @classmethod
     def of(cls, picks: Picks, cell: PickCell) -> GraspTable:
@@ -178,6 +178,7 @@ class PlacementScreening:
                 left = scores.codes[place, self.table.pick[grasp]] != FREE
                 if left.any():
                     self._screen(placements, place[left], grasp[left], scores)
+        scores.seconds[:] = self.table.share * scores.seconds + self.table.seconds / total
         return scores
 
     def _screen(self, placements: Array, place: Indices, grasp: Indices, scores: PlacementScores) -> None:
@@ -349,7 +350,9 @@ _NO_WEIGHTS = {weight.name: 0.0 for weight in fields(PickWeights)}
 
 OBJECTIVES: Mapping[str, _Objective] = {
     "cycle_time": _Objective(
-        lambda scores: scores.seconds.sum(axis=1), total_time, PickWeights(**{**_NO_WEIGHTS, "duration": 1.0})
+        lambda scores: scores.seconds.sum(axis=1),
+        lambda report: report.total_time,
+        PickWeights(**{**_NO_WEIGHTS, "duration": 1.0}),
     ),
     "clearance": _Objective(
         lambda scores: -scores.clearance.mean(axis=1),
@@ -476,33 +479,6 @@ class RefineTask:
 def evolution_strategy() -> Any:
     """The module ``cma``; InputError if it is not installed."""
     return optional_module("cma", "refining a placement", "cell")
-
-
-@dataclass(frozen=True, eq=False)
-class CertifyTask:
-    """Judges picks, given as (number of the candidate, index of the pick)."""
-
-    setups: tuple[PickSetup, ...]
-    picks: tuple[Picks, ...]
-    keep: bool = True
-    _current: list[tuple[int, PickSetup]] = field(default_factory=list, init=False)
-
-    def __call__(self, start: int, part: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
-        """The rows of consecutive picks; with ``keep`` each keeps its verdict in memory."""
-        del start
-        rows = []
-        for candidate, index in part:
-            # a setup that has judged a pick keeps large caches in cycles, so only that of the current candidate is kept
-            if not self._current or self._current[0][0] != candidate:
-                self._current.clear()
-                gc.collect()
-                self._current.append((candidate, replace(self.setups[candidate])))
-            verdict = self._current[0][1].judge(index, self.picks[candidate].picks[index])
-            duration = None if verdict.trajectory is None else verdict.trajectory.duration
-            failed_at = "" if verdict.failed is None else verdict.failed.value
-            row = {"ok": verdict.ok, "failed_at": failed_at, "duration": duration}
-            rows.append({**row, "keep": verdict} if self.keep else row)
-        return rows
 
 
 @dataclass(frozen=True)

@@ -139,6 +139,21 @@ class PickReport(Saved, Written):
         """The good picks, in order."""
         return tuple(verdict for verdict in self.verdicts if verdict.ok)
 
+    @property
+    def judged(self) -> int:
+        """Number of picks with a verdict."""
+        return len(self.verdicts)
+
+    @property
+    def total_time(self) -> float:
+        """Seconds: the sum of the times of all good picks."""
+        return float(sum(verdict.trajectory.duration for verdict in self.good if verdict.trajectory is not None))
+
+    @property
+    def clearance(self) -> float:
+        """Metres: the smallest proven clearance of all motions of good picks; NaN without any."""
+        return min((verdict.clearance for verdict in self.good), default=float("nan"))
+
     @reported()
     def ok(self) -> bool:
         """Whether there is a pick, every pick is good, and every row was read."""

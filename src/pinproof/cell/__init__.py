@@ -18,6 +18,7 @@ from pinproof.cell.comparison import (
     CellComparison as CellComparison, PickChange as PickChange, PickDifference as PickDifference, compare as compare,
 )  # fmt: skip
 from pinproof.cell.pages import read_heat_map as read_heat_map
+from pinproof.cell.placement.placed_work import PlacedWork as PlacedWork
 from pinproof.cell.placement.place_base import PlacementBudget as PlacementBudget, place_base as place_base
 from pinproof.cell.placement.placement_result import (
     CertifiedPlacement as CertifiedPlacement, PlacementMap as PlacementMap, PlacementResult as PlacementResult,
@@ -26,6 +27,7 @@ from pinproof.cell.placement.placement_result import (
 from pinproof.cell.placement.region import (
     Placement as Placement, PlacementChoice as PlacementChoice, PlacementRegion as PlacementRegion,
 )  # fmt: skip
+from pinproof.cell.placement.screening import GraspTable as GraspTable
 from pinproof.cell.sequencing.options import without_parts as without_parts
 from pinproof.cell.sequencing.precedence import Precedence as Precedence
 from pinproof.cell.sequencing.sequence import SequenceBudget as SequenceBudget, sequence as sequence

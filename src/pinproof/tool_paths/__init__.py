@@ -22,6 +22,7 @@ from pinproof.tool_paths.geometry import (
 )
 from pinproof.tool_paths.path_files import PathPoints as PathPoints
 from pinproof.tool_paths.pictures import RotationStrip as RotationStrip, rotation_strip as rotation_strip
+from pinproof.tool_paths.placement import place_job as place_job
 from pinproof.tool_paths.program import (
     ProgramMotion as ProgramMotion,
     ToolPathProgram as ToolPathProgram,

@@ -175,7 +175,10 @@ class ToolJob(Shown):
         InputError, PicksError
             As :meth:`pinproof.picks.Tool.load_arm`.
         """
-        arm = self.settings.load_arm()
+        return self.at_tip(self.settings.load_arm())
+
+    def at_tip(self, arm: Arm) -> Arm:
+        """An arm with the tip of the tool as its tcp."""
         if self.settings.tip.isIdentity():
             return arm
         urdf = with_frame(arm.robot.urdf, TIP, arm.tcp, self.settings.tip.homogeneous)

@@ -65,6 +65,28 @@ class FollowReport(Saved):
         return self.motion.ok
 
     @property
+    def good(self) -> tuple[StrokeReport, ...]:
+        """The strokes that are followed, each by itself."""
+        return tuple(own for own in self.strokes if own.plan.ok)
+
+    @property
+    def judged(self) -> int:
+        """Number of strokes."""
+        return len(self.strokes)
+
+    @property
+    def total_time(self) -> float:
+        """Seconds: the time of the motion; without one, the sum of those along the strokes that are followed."""
+        return self.motion.duration if self.ok else sum(own.plan.duration for own in self.good)
+
+    @property
+    def clearance(self) -> float:
+        """Metres: the proven clearance of the motion; without one, the smallest of those along strokes, or NaN."""
+        if self.ok:
+            return self.motion.certificate.clearance
+        return min((own.plan.certificate.clearance for own in self.good), default=math.nan)
+
+    @property
     def checker(self) -> CollisionChecker:
         """The arm in its scene."""
         return self.motion.checker

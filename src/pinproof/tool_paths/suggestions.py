@@ -117,16 +117,19 @@ def suggest_changes(
     return tuple(found)
 
 
+def screening_grid(free: bool | tuple[float, float]) -> Grid:
+    """Some rotations of the tool, by the setting ``free_rotation`` of :func:`pinproof.follow`."""
+    if free is False:
+        return Grid(np.zeros(1), np.eye(3)[None])
+    low, high = (0.0, 2.0 * math.pi * (1.0 - 1.0 / SCREENED_ROTATIONS)) if free is True else free
+    return Grid(np.linspace(low, high, SCREENED_ROTATIONS), np.eye(3)[None])
+
+
 def _may_pass(case: Case, places: Sequence[float]) -> bool:
     """Whether some configuration is free at each of some poses; True if that is not decided by a closed form."""
-    free = case.settings.get("free_rotation", True)
-    angles = np.zeros(1)
-    if free is not False:
-        low, high = (0.0, 2.0 * math.pi * (1.0 - 1.0 / SCREENED_ROTATIONS)) if free is True else free
-        angles = np.linspace(low, high, SCREENED_ROTATIONS)
-    grid = Grid(angles, np.eye(3)[None])
     if case.checker.arm.dof > 6:
         return True
+    grid = screening_grid(case.settings.get("free_rotation", True))
     for first in range(0, len(places), 4):
         rungs = [Rung(0, 0.0, place, 0.0) for place in case.path.at(places[first : first + 4])]
         fill(rungs, case.checker, grid, IkTask(), FollowCosts(), 0)

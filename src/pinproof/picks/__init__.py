@@ -9,7 +9,7 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 from pinproof.common import faces
 from pinproof.picks.batch.campaign import (
     BeltSequence as BeltSequence, Campaign as Campaign, CampaignResult as CampaignResult,
-    pick_from_belt as pick_from_belt, validate_picks as validate_picks,
+    ItemCampaign as ItemCampaign, pick_from_belt as pick_from_belt, validate_picks as validate_picks,
 )  # fmt: skip
 from pinproof.picks.batch.reach_map import (
     ReachComparison as ReachComparison, ReachMap as ReachMap, ReachRegion as ReachRegion,

@@ -1,6 +1,7 @@
 """Tool paths: the best joint motion along a whole path of the tool, certified, or why no motion exists."""
 
 from pinproof.common import faces
+from pinproof.tool_paths.campaigns import path_campaign as path_campaign
 from pinproof.tool_paths.files import (
     JOB as JOB,
     StrokeSource as StrokeSource,

@@ -1,5 +1,7 @@
 """Judge many picks: a list in memory, the parts of a conveyor one after the other, and campaigns of any size.
 
+A campaign judges any items that have names, such as tool paths (:func:`pinproof.tool_paths.path_campaign`).
+
 The workers of a campaign compute the rows of chunks of picks as lines of JSON, which are written to disk. All rows of a
 file are computed by the same version of the code, which is stated in the header of the file.
 """
@@ -9,18 +11,18 @@ from __future__ import annotations
 import json
 import pickle
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Scene
+from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.content_hash import code_here, describe_code
 from pinproof.common.files import os_errors, write_bytes_whole
 from pinproof.common.results import Rows, Shown, View, Written
@@ -257,7 +259,7 @@ def pick_from_belt(setup: PickSetup, picks: Iterable[Pick]) -> BeltSequence:
 ROWS, TIMINGS = "rows.jsonl", "timings.jsonl"
 """The files of a finished campaign. Times are not stored in the rows, because these would then differ between runs."""
 
-SCHEMA = "pinproof/campaign/2"
+SCHEMA = "pinproof/campaign/3"
 
 RETRY = "retry"
 """The key that marks rows whose picks the next run judges again, because a worker died or had no memory."""
@@ -265,11 +267,41 @@ RETRY = "retry"
 KILLED = "every worker process that judged this pick alone died"
 
 
-Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
-"""Judges the pick with the given index and returns a row of plain values with the key ``verdict``.
+Judge = Callable[[Any, int, Any], dict[str, Any]]
+"""Judges the pick with the given index by a setup and returns a row of plain values with the key ``verdict``.
 
 The function must be importable, because it is sent to the workers by name.
 """
+
+
+class CampaignSetup(Protocol):
+    """What the items of a campaign are judged with, such as :class:`PickSetup`; it can be pickled."""
+
+    @property
+    def checker(self) -> CollisionChecker:
+        """The arm in its scene."""
+
+    def identity(self) -> dict[str, Any]:
+        """What the rows depend on, as plain values by name."""
+
+    def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
+        """What the verdicts do not cover, in sentences."""
+
+
+class CampaignSource(Protocol):
+    """The items of a campaign in order, such as a :class:`PickSource`; each has a ``name``."""
+
+    @property
+    def with_object(self) -> frozenset[bool]:
+        """As of :class:`PickSource`; empty if the items are no picks."""
+
+    def __len__(self) -> int: ...
+
+    def part(self, start: int, stop: int) -> Iterable[Any]:
+        """The items from index ``start`` to ``stop`` (exclusive); the result can be pickled."""
+
+    def digest(self) -> str:
+        """A hash of all items."""
 
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
@@ -283,10 +315,10 @@ def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
 class RowTask:
     """Judges chunks of picks with one setup and returns one line for each pick."""
 
-    setup: PickSetup
+    setup: CampaignSetup
     judge: Judge
 
-    def __call__(self, start: int, part: Iterable[Pick | PickProblem]) -> list[bytes]:
+    def __call__(self, start: int, part: Iterable[Any]) -> list[bytes]:
         """The rows of consecutive picks, the first of which has the index ``start``."""
         lines = []
         for index, item in enumerate(part, start):
@@ -350,7 +382,8 @@ class CampaignResult(Shown, Written):
         "number of picks that crashed because a worker died or ran out of memory. The next run judges them again",
         default=0,
     )
-    setup: PickSetup | None = key(
+    items: str = key("what the rows are: `picks`, or `paths`", default="picks")
+    setup: Any = key(
         "the setup that the picks were judged with, used for the page; None for a result opened from its folder",
         default=None,
         hidden=True,
@@ -359,7 +392,7 @@ class CampaignResult(Shown, Written):
 
     def _view(self) -> View:
         rows = [*self.verdicts.items(), *((f"failed at {stage}", count) for stage, count in self.failed_at.items())]
-        parts = [Rows(("verdict", "picks"), rows), (str(self.path), *self.notes)]
+        parts = [Rows(("verdict", self.items), rows), (str(self.path), *self.notes)]
         return View(f"{self.summary}; {str(self.path)!r}", parts, title=self.summary)
 
     @classmethod
@@ -385,8 +418,9 @@ class CampaignResult(Shown, Written):
             if row.get("failed_at") is not None:
                 failed_at[str(row["failed_at"])] += 1
             to_retry += _is_to_retry(row)
-        if verdicts.total() != header["picks"]:
-            raise FileError(path, f"has {verdicts.total()} rows of {header['picks']}; run the campaign again")
+        items = header["items"]
+        if verdicts.total() != header[items]:
+            raise FileError(path, f"has {verdicts.total()} rows of {header[items]}; run the campaign again")
         return cls(
             path,
             dict(verdicts),
@@ -396,6 +430,7 @@ class CampaignResult(Shown, Written):
             resumed,
             damaged,
             to_retry,
+            items,
         )
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -424,7 +459,7 @@ class CampaignResult(Shown, Written):
         if crashed := self.total - self.good - sum(places.values()):
             places["no stage (crashed)"] = crashed
         failed = ", ".join(f"{count} at {stage}" for stage, count in places.items())
-        return f"{self.good} of {self.total} picks good" + (f"; failed: {failed}" if failed else "")
+        return f"{self.good} of {self.total} {self.items} good" + (f"; failed: {failed}" if failed else "")
 
     def save(
         self,
@@ -441,6 +476,8 @@ class CampaignResult(Shown, Written):
         :meth:`PickReport.save` for ``.html``, the only suffix. A result that was opened from its folder needs ``arm``,
         ``scene`` and ``picks``.
         """
+        if self.items != "picks":
+            raise InputError(f"{path}: there are pages for campaigns of picks only; the rows are in {self.path}")
         if Path(path).suffix.lower() != ".html":
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
         rows = ((row, None) for row in self.rows())
@@ -479,67 +516,41 @@ def _read_rows(path: Path, *, skip_damaged: bool = False) -> Iterator[dict[str, 
                 raise FileError(path, reason, f"line {index + 2}")
 
 
-class Campaign:
-    """A campaign of picks, from tens to millions.
-
-    ``run`` can be interrupted at any time and called again, also from another process; it then resumes. The rows are
-    identical byte for byte for any number of workers and any number of interruptions.
+class ItemCampaign:
+    """A campaign of items that have names, from tens to millions; see :class:`Campaign`.
 
     Parameters
     ----------
-    arm, scene, home
-        As for :func:`validate_picks`.
-    picks
-        The picks: a list, or a source that is read in chunks and not held in memory
-        (:func:`pinproof.picks.open_picks`, :class:`pinproof.picks.PickGrid`). The result also contains a row for each
-        input row that could not be read.
-    rng
-        The seed. Each pick has its own random stream, which depends only on the seed and on the index of the pick.
+    setup, source
+        What the items are judged with, and the items.
     judge
-        A function ``judge(setup, index, pick)`` that returns a row of plain values with the keys ``verdict`` and
-        ``failed_at``. It must be importable by name. The default judges all stages.
-    checks
-        As for :func:`validate_picks`; each must be importable by name.
-
-    Raises
-    ------
-    InputError
-        If home is not a valid start configuration, a joint has no velocity limit, or an argument is invalid.
+        A function ``judge(setup, index, item)`` that returns a row of plain values with the keys ``verdict`` and
+        ``failed_at``. It must be importable by name.
+    items
+        What the items are called in sentences.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        scene: Scene,
-        picks: Picks | PickSource,
-        *,
-        home: npt.ArrayLike | None = None,
-        rng: int = 0,
-        judge: Judge = judge_row,
-        checks: Iterable[PickCheck] = (),
-    ) -> None:
-        require_integer("rng", rng, 0)
-        self._picks = as_source(picks)
-        self._setup = PickSetup.make(arm, scene, self._picks.shared, home=home, rng=rng, checks=checks)
-        self._judge = judge
+    def __init__(self, setup: CampaignSetup, source: CampaignSource, judge: Judge, *, items: str) -> None:
+        self._setup, self._source, self._judge, self._items = setup, source, judge, items
 
     def __len__(self) -> int:
-        return len(self._picks)
+        return len(self._source)
 
     def header(self) -> dict[str, Any]:
         """The first line of the file of rows: the identity of the campaign, and what its verdicts do not cover."""
         checker = self._setup.checker
         header = {
             "schema": SCHEMA,
-            "picks": len(self),
+            "items": self._items,
+            self._items: len(self),
             "setup": {
                 "pinproof": code_here(),
                 **self._setup.identity(),
-                "picks": f"{len(self)} picks {self._picks.digest()}",
+                self._items: f"{len(self)} {self._items} {self._source.digest()}",
                 "judge": describe_code(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
-            "notes": list(self._setup.not_covered(self._picks.with_object)),
+            "notes": list(self._setup.not_covered(self._source.with_object)),
             "excluded_pairs": [[*pair.owners, pair.reason] for pair in checker.excluded],
         }
         return dict(json.loads(to_line(header)))
@@ -617,7 +628,7 @@ class Campaign:
             # The others are judged in chunks, in any order
             chunks = do_chunks(
                 RowTask(self._setup, self._judge),
-                self._picks.part,
+                self._source.part,
                 ranges_missing(done),
                 executor=executor,
                 workers=workers,
@@ -633,7 +644,7 @@ class Campaign:
                         if progress is not None:
                             progress(there, len(self))
             except KeyboardInterrupt:
-                raise RunInterrupted(f"interrupted after {there:,} of {len(self):,} picks", None) from None
+                raise RunInterrupted(f"interrupted after {there:,} of {len(self):,} {self._items}", None) from None
             # The rows in order replace the journal, which is removed only when they are on the disk.
             write_bytes_whole(rows, chain([journal.header], journal.lines()))
             times = folder / TIMINGS
@@ -645,9 +656,54 @@ class Campaign:
 
     def _lines(self, outcome: Outcome) -> list[bytes]:
         if outcome.crashed:
-            (item,) = self._picks.part(outcome.start, outcome.stop)
+            (item,) = self._source.part(outcome.start, outcome.stop)
             return [crashed_row(outcome.start, item.name, KILLED, retry=True)]
         lines: list[bytes] = outcome.result
         if len(lines) != outcome.stop - outcome.start:
             raise InputError(f"the source gave {len(lines)} picks for {outcome.start} to {outcome.stop - 1}")
         return lines
+
+
+class Campaign(ItemCampaign):
+    """A campaign of picks, from tens to millions.
+
+    ``run`` can be interrupted at any time and called again, also from another process; it then resumes. The rows are
+    identical byte for byte for any number of workers and any number of interruptions.
+
+    Parameters
+    ----------
+    arm, scene, home
+        As for :func:`validate_picks`.
+    picks
+        The picks: a list, or a source that is read in chunks and not held in memory
+        (:func:`pinproof.picks.open_picks`, :class:`pinproof.picks.PickGrid`). The result also contains a row for each
+        input row that could not be read.
+    rng
+        The seed. Each pick has its own random stream, which depends only on the seed and on the index of the pick.
+    judge
+        A function ``judge(setup, index, pick)`` that returns a row of plain values with the keys ``verdict`` and
+        ``failed_at``. It must be importable by name. The default judges all stages.
+    checks
+        As for :func:`validate_picks`; each must be importable by name.
+
+    Raises
+    ------
+    InputError
+        If home is not a valid start configuration, a joint has no velocity limit, or an argument is invalid.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks | PickSource,
+        *,
+        home: npt.ArrayLike | None = None,
+        rng: int = 0,
+        judge: Judge = judge_row,
+        checks: Iterable[PickCheck] = (),
+    ) -> None:
+        require_integer("rng", rng, 0)
+        source = as_source(picks)
+        setup = PickSetup.make(arm, scene, source.shared, home=home, rng=rng, checks=checks)
+        super().__init__(setup, source, judge, items="picks")

@@ -1,0 +1,92 @@
+"""Campaigns of tool paths: many strokes, each followed by itself in worker processes, with their results on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pinproof.collision import CollisionChecker
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import require_integer
+from pinproof.picks import ItemCampaign, PickStatus
+from pinproof.tool_paths.files import ToolJob
+from pinproof.tool_paths.following import follow
+from pinproof.tool_paths.strokes import Stroke
+
+
+def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng: int = 0) -> ItemCampaign:
+    """A campaign over the strokes of a job, each of which is followed by itself, in its direction and from its start.
+
+    Parameters
+    ----------
+    job
+        The job; its settings are those of each path.
+    checker
+        The arm in its scene with the tool; by default as :meth:`ToolJob.load_checker` loads it.
+    rng
+        The seed.
+
+    Raises
+    ------
+    InputError, PicksError
+        As :meth:`ToolJob.load_checker`.
+    """
+    require_integer("rng", rng, 0)
+    checker = job.load_checker() if checker is None else checker
+    setup = PathSetup(checker, {**job.options, "rng": rng})
+    return ItemCampaign(setup, StrokeList(job.placed(checker)), judge_path, items="paths")
+
+
+@dataclass(frozen=True, eq=False)
+class PathSetup:
+    """What each path is followed with: the arm in its scene, and the settings of :func:`pinproof.follow`."""
+
+    checker: CollisionChecker
+    settings: dict[str, Any]
+
+    def identity(self) -> dict[str, Any]:
+        """What the rows depend on, as plain values by name."""
+        arm, scene = self.checker.arm, self.checker.scene
+        return {
+            "robot": f"{arm.robot.name} {digest((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.held))}",
+            "limits": digest(arm.limits),
+            "scene": f"{len(scene)} obstacles {self.checker.fingerprint()[:16]}",
+            "margin": self.checker.margin,
+            "settings": digest(sorted(self.settings.items())),
+        }
+
+    def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
+        """What the verdicts do not cover."""
+        del with_object
+        return ("motions between the paths, their order and other directions",)
+
+
+@dataclass(frozen=True, eq=False)
+class StrokeList:
+    """Strokes as the source of a campaign."""
+
+    strokes: tuple[Stroke, ...]
+    with_object: frozenset[bool] = frozenset()
+
+    def __len__(self) -> int:
+        return len(self.strokes)
+
+    def part(self, start: int, stop: int) -> Iterable[Stroke]:
+        """The strokes from index ``start`` to ``stop``."""
+        return self.strokes[start:stop]
+
+    def digest(self) -> str:
+        """A hash of all paths."""
+        return digest([(own.name, own.path.poses, own.path.speed) for own in self.strokes])
+
+
+def judge_path(setup: PathSetup, index: int, stroke: Stroke) -> dict[str, Any]:
+    """The row of a path. It is impossible only if the pose that is blocked is proven to be so at every tilt."""
+    del index
+    plan = follow(setup.checker, stroke.path, **setup.settings)
+    fixed = setup.settings["free_rotation"] is False and not setup.settings["tilts"]
+    proven = fixed and any(own.proven for own in plan.blocked)
+    verdict = PickStatus.GOOD if plan.ok else PickStatus.IMPOSSIBLE if proven else PickStatus.NOT_FOUND
+    row = {"name": stroke.name, "verdict": verdict.value, "failed_at": None if plan.ok else plan.status.name.lower()}
+    return {**row, "reason": "" if plan.ok else plan.message, **plan.to_dict()}

@@ -23,7 +23,7 @@ import numpy as np
 
 import pinproof as pp
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
-from benchmarks.tool_path_audits import ARMS, arm_of, best_of_tries, random_problem, wrong
+from benchmarks.tool_path_audits import ARMS, best_of_tries, off_the_path, random_problem, wrong
 from pinproof.spatial import matrix, rotation_about
 from pinproof.tool_paths import COSTS, ToolPath
 from pinproof.tool_paths.rungs import LadderSettings, Rung, RungLadder
@@ -109,10 +109,9 @@ def large(rail: float) -> Row:
 # -- Descartes --------------------------------------------------------------------------------------------------------
 
 
-def graph(arm_name: str, seed: int) -> tuple[RungLadder, list[np.ndarray], list[np.ndarray]]:
+def graph(checker: pp.CollisionChecker, path: ToolPath) -> tuple[RungLadder, list[np.ndarray], list[np.ndarray]]:
     """Our ladder of a random path, its nodes, and the costs of its edges, computed from their formula."""
-    checker, path, _ = random_problem(arm_name, np.random.default_rng(seed))
-    arm = arm_of(arm_name)
+    arm = checker.arm
     turns = np.array([rotation_about(np.array([0.0, 0.0, 1.0]), 2.0 * np.pi * k / ROTATIONS) for k in range(ROTATIONS)])
     turned = np.tile(np.eye(4), (ROTATIONS, 1, 1))
     turned[:, :3, :3] = turns
@@ -157,7 +156,8 @@ def _se3(pose: np.ndarray) -> pp.spatial.SE3:
 
 def compared(python: str, arm: str, seed: int) -> Row | None:
     """Both optima over one graph; None if a rung has no node, which Descartes does not accept."""
-    ladder, nodes, edges = graph(arm, seed)
+    checker, path, _ = random_problem(arm, np.random.default_rng(seed))
+    ladder, nodes, edges = graph(checker, path)
     if not all(map(len, nodes)) or len(nodes) < 2:
         return None
     begin = process_time()
@@ -176,12 +176,39 @@ def compared(python: str, arm: str, seed: int) -> Row | None:
     complete = len(course.nodes) == len(nodes)
     equal = complete == other["ok"] and (not complete or abs(course.cost - other["cost"]) <= EQUAL * course.cost)
     figures = f"{course.cost if complete else None} and {other.get('cost')}"
+    # The motions of both: straight in joint space between the nodes of Descartes, and ours of the same grid
+    found = pp.follow(checker, path, rotations=ROTATIONS, rotation_deviation=0.1)
+    audits: dict[str, object] = {"followed": found.ok}
+    if other["ok"]:
+        q = np.array([row[node] for row, node in zip(nodes, other["nodes"], strict=True)])
+        line = pp.JointPath(q[np.append(True, np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-9)], checker.arm.joint_names)
+        audits |= {
+            "other_contact": _in_contact(line, checker),
+            "other_off": _off(line(np.linspace(0, 1, 2000)), checker, path),
+        }
+    if found.ok:
+        own = found.trajectory
+        along = [piece.trajectory for piece in found.pieces if piece.trajectory is not None]
+        off = max((_off(each(np.linspace(0, each.duration, 2000)), checker, path) for each in along), default=0.0)
+        audits |= {"contact": _in_contact(own, checker), "off": off}
     return Row(
         arm=arm, seed=seed, rungs=len(nodes), nodes=sum(map(len, nodes)), found=complete,
         cost=course.cost if complete else None,
         other=other.get("cost"), seconds=took, other_seconds=other["seconds"],
-        wrong=[] if equal else [f"{arm}, graph {seed}: the optima are {figures}"],
+        wrong=[] if equal and not audits.get("contact") else [f"{arm}, graph {seed}: {figures}, {audits}"], **audits,
     )  # fmt: skip
+
+
+def _in_contact(curve: pp.motion.Curve, checker: pp.CollisionChecker) -> bool:
+    """Whether dense samples of a motion are in contact on the exact meshes."""
+    return not pp.audit(curve, checker, step=0.005, measure=False).clean
+
+
+def _off(q: np.ndarray, checker: pp.CollisionChecker, path: ToolPath) -> float:
+    """The largest distance (m) of the tool from the path at configurations (k, n)."""
+    poses = checker.arm.forward_kinematics_batch(q)
+    own = {"freedom": True, "first": 0, "last": len(path) - 1, "parts": 3}
+    return float(off_the_path(path, poses, 1e-3, **own)[:, 0].max())
 
 
 # -- the page ---------------------------------------------------------------------------------------------------------
@@ -208,10 +235,17 @@ def measure(options: argparse.Namespace) -> Results:
 
 def blocks(results: Results) -> Blocks:
     """The tables."""
-    audits, graphs = [], []
+    audits, graphs, tries = [], [], []
     for arm in ARMS:
         if rows := [row for row in results["audits"] if row.arm == arm]:
             counts, times = Counter(row.status for row in rows), [row.seconds for row in rows]
+            both = [row for row in rows if row.cost is not None and row.least is not None]
+            ratios = [row.cost / row.least for row in both]
+            tries.append(Row(
+                arm=arm, count=len(rows), followed=counts["FOUND"], tried=sum(row.tried for row in rows),
+                missed=sum(row.tried and row.status != "FOUND" for row in rows),
+                median=float(np.median(ratios)), most=max(ratios),
+            ))  # fmt: skip
             named = [counts[status] for status in ("FOUND", "LIFTS_NEEDED", "BLOCKED")]
             audits.append(Row(
                 arm=arm, count=len(rows), found=named[0], lifts=named[1], blocked=named[2],
@@ -224,6 +258,10 @@ def blocks(results: Results) -> Blocks:
             graphs.append(Row(
                 arm=arm, count=len(rows), nodes=float(np.median([row.nodes for row in rows])),
                 found=sum(row.found for row in rows), equal=sum(not row.wrong for row in rows), difference=difference,
+                other_contact=sum(getattr(row, "other_contact", False) for row in rows),
+                other_off=1e3 * max((row.other_off for row in rows if hasattr(row, "other_off")), default=np.nan),
+                followed=sum(row.followed for row in rows), contact=sum(getattr(row, "contact", False) for row in rows),
+                off=1e3 * max((row.off for row in rows if hasattr(row, "off")), default=np.nan),
             ))  # fmt: skip
     return {
         "audits": row_table({
@@ -231,6 +269,10 @@ def blocks(results: Results) -> Blocks:
             "blocked": "{0.blocked}", "others": "{0.others}", "wrong": "{0.wrong}", "median": "{0.median:.2f} s",
             "largest": "{0.most:.1f} s",
         }, audits),
+        "tries": row_table({
+            "arm": "{0.arm}", "paths": "{0.count:,}", "`follow`": "{0.followed}", "best of 20": "{0.tried}",
+            "best of 20 only": "{0.missed}", "median cost": "{0.median:.3f}", "largest": "{0.most:.3f}",
+        }, tries),
         "large": row_table({
             "path": "{0.name}", "poses": "{0.poses:,}", "configurations": "{0.nodes:,}", "fastest": "{0.seconds:.2f} s",
             "slowest": "{0.slowest:.2f} s",
@@ -238,6 +280,11 @@ def blocks(results: Results) -> Blocks:
         "graphs": row_table({
             "arm": "{0.arm}", "graphs": "{0.count}", "nodes": "{0.nodes:,.0f}", "passable": "{0.found}",
             "equal": "{0.equal}", "largest difference": "{0.difference:.0e}",
+        }, graphs),
+        "motions": row_table({
+            "arm": "{0.arm}", "graphs": "{0.count}", "Descartes: sequences": "{0.found}",
+            "in contact": "{0.other_contact}", "off the path": "{0.other_off:.2f} mm",
+            "`follow`: motions": "{0.followed}", "in contact ": "{0.contact}", "off the path ": "{0.off:.2f} mm",
         }, graphs),
     }  # fmt: skip
 

@@ -18,7 +18,7 @@ import pytest
 import trimesh
 
 import pinproof as pp
-from pinproof.cli import pick
+from pinproof.cli import cell_options
 from pinproof.cli.main import COMMANDS, main
 from pinproof.description import catalogue_names, robots_folder
 
@@ -182,7 +182,7 @@ def test_wrong_usage_is_one_line_and_one_json_document_and_writes_nothing(
 def test_a_scheduler_that_does_not_answer_is_named(
     run: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ) -> None:
-    monkeypatch.setattr(pick, "CONNECT_SECONDS", 1)
+    monkeypatch.setattr(cell_options, "CONNECT_SECONDS", 1)
     words = ("pick", picks_of_generic(tmp_path), "--campaign", "out", "--dask", address)
     run.refuses(*words, named=f"no Dask scheduler answers at {address}: ")
     assert not Path("out/rows.jsonl").exists()

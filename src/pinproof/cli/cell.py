@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import pinproof as pp
+from pinproof.cli.cell_options import CellOptions, WorkerOptions, states_paths
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
@@ -18,7 +20,7 @@ from pinproof.cli.console import (
     written,
 )
 from pinproof.cli.options import Json, Seed, argument, numbers, option, placement
-from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
+from pinproof.cli.pick import judge_file
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.units import refuse_degrees, warn_of_millimetres
 
@@ -314,7 +316,7 @@ class EffortOptions:
 
 
 def cell_place(
-    file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
+    file: Path = argument("The picks file (.yaml or a .csv table), or a job of tool paths.", MISSING, metavar="FILE"),
     *,
     search: SearchOptions,
     effort: EffortOptions,
@@ -336,21 +338,24 @@ def cell_place(
 ) -> None:
     """Search for the placement of the robot's base at which all picks work, with the shortest cycle time.
 
-    Exit code 1 if no placement is found at which every pick is good.
+    For a job of tool paths, the whole job is followed at the best placements.
+
+    Exit code 1 if no placement is found at which every pick is good, or the job is followed.
 
     Example: pinproof cell place robots/ur5/plate_picks.yaml --region "-0.3 0.1 -0.3 0.3" --grid 200 -o place.json
     """
     # A wrong name of an output or region costs no search.
     is_folder = output is not None and check_report_output(output, pp.cell.PlacementResult.formats)
     region = search.found_region()
-    arm, scene, source = cell.open(file)
+    if states_paths(file):
+        arm, scene, job = cell.open_job(file)
+        place = partial(pp.tool_paths.place_job, job, region, arm=arm, scene=scene)
+    else:
+        arm, scene, source = cell.open(file)
+        place = partial(pp.place_base, arm, scene, source.load(), region)
     try:
         with progress_bar(f"placing {arm.robot.name}") as progress, pool.settings() as settings:
-            found = pp.place_base(
-                arm,
-                scene,
-                source.load(),
-                region,
+            found = place(
                 moves_with_base=search.moves_with_base or (),
                 choices=search.choices(arm),
                 objective=search.objective,

@@ -1,30 +1,25 @@
-"""``pinproof follow``: follow the tool paths of a file by one certified motion, or state why that is not possible."""
+"""``pinproof follow``: follow the tool paths of a file by one certified motion, or state why that is not possible.
+
+``--campaign`` follows each path by itself, in worker processes, and streams the results to a folder. ``--program``
+certifies a robot program again.
+"""
 
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import pinproof as pp
-from pinproof.cli.console import (
-    check_output_files,
-    check_report_output,
-    print_note,
-    print_result,
-    progress_status,
-    written,
-)
-from pinproof.cli.options import Html, Json, Seed, argument, option, placement
-from pinproof.cli.pick import CellOptions, check_signal
+from pinproof.cli.cell_options import CellOptions, ExportOptions, WorkerOptions, run_campaign
+from pinproof.cli.console import check_output_files, print_note, print_result, progress_status, written
+from pinproof.cli.options import Html, Json, Seed, argument, option
 from pinproof.errors import InputError
 
 
 @dataclass(frozen=True)
-class FollowOutput:
+class FollowOutput(ExportOptions):
     """Options for the files of the results."""
-
-    PANEL: ClassVar = "Output"
 
     output: Path | None = option(
         "A report (.json, .md, .csv, .html), or a folder for all reports, the motion with its proof and the program.",
@@ -35,34 +30,20 @@ class FollowOutput:
     )
     save: Path | None = option("Write the motion (.json, .csv), and beside it its proof (.proof.json).", None)
     colour: Literal["clearance", "speed"] = option("What the colours of the paths on a page show.", "clearance")
-    export: str | None = option(
-        "Also write a robot program to the folder of -o: urscript, rapid, krl or fanuc.", None, metavar="LANGUAGE"
-    )
     process_output: str | None = option(
         "For --export: the digital output that switches the process. Default: that of the file, or else 1; 0 for "
         "urscript, do_process for rapid.",
         None,
         metavar="OUTPUT",
     )
-    export_deviation: float | None = option(
-        "For --export: assumed deviation of each joint from the moves of the program (rad). Default: 0.002.",
-        None,
-        min=0.0,
+    process_dwell: float = option(
+        "For --export: seconds that the arm rests after the process is switched on.", 0.0, min=0.0
     )
 
-    def folder(self, inputs: list[str | Path | None], html: Path | None) -> Path | None:
-        """The folder of ``-o``, if it is one; outputs that cannot be written are refused before the work starts."""
-        if self.export is None and (self.process_output is not None or self.export_deviation is not None):
-            raise InputError("--process-output and --export-deviation need --export")
-        check_signal("--process-output", self.export, self.process_output)
-        check_output_files([self.save, html], inputs)
-        kinds = pp.tool_paths.FollowReport.formats
-        if self.export is not None and (self.output is None or self.output.suffix.lower() in kinds):
-            raise InputError("--export belongs to -o with a folder; add -o FOLDER")
-        is_folder = self.output is not None and check_report_output(self.output, kinds)
-        if self.output is not None and not is_folder:
-            check_output_files([self.output], inputs)
-        return self.output if is_folder else None
+    @property
+    def stated(self) -> bool:
+        """Whether a file of results is stated."""
+        return bool(self.output or self.save or self.export)
 
 
 def follow(
@@ -70,6 +51,15 @@ def follow(
     *,
     out: FollowOutput,
     html: Html = None,
+    program: Path | None = option(
+        "Instead of following the paths, certify this robot program of --export again in the cell of the file.", None
+    ),
+    campaign: Path | None = option(
+        "For many paths: follow each by itself and write the results to this folder one by one; an interrupted run is "
+        "resumed.",
+        None,
+        metavar="FOLDER",
+    ),
     lifts: int | None = option(
         "How often the tool may be lifted within a path. Default: that of the file.", None, min=0
     ),
@@ -78,6 +68,7 @@ def follow(
         12,
         min=0,
     ),
+    pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
     as_json: Json = False,
@@ -88,39 +79,59 @@ def follow(
 
     Example: pinproof follow robots/ur5/weld_seam.yaml -o weld
     """
-    job = pp.tool_paths.read_tool_paths(file)
-    # Options of the command replace keys of the file; the robot may be placed in the cell
-    root_from_world = placement(cell.place).inverse()
-    settings = cell.replaced(job.settings).transformed(root_from_world)
-    strokes = job.strokes if job.frame else tuple(each.transformed(root_from_world) for each in job.strokes)
-    job = replace(job, settings=settings, strokes=strokes, lifts=job.lifts if lifts is None else lifts)
-    arm = job.load_arm()
+    if (program is not None) + (campaign is not None) + (out.stated or html is not None) > 1:
+        raise InputError("--program and --campaign have no report; remove -o, --save, --html and --export")
+    if pool.stated and campaign is None:
+        raise InputError("--workers and --dask are for --campaign; add --campaign FOLDER")
+    arm, scene, job = cell.open_job(file)
+    job = replace(job, lifts=job.lifts if lifts is None else lifts)
+    arm = job.at_tip(arm)
     if out.export is not None:
-        pp.picks.check_export(arm, settings, out.export)
+        pp.picks.check_export(arm, job.settings, out.export)
         pp.tool_paths.require_language(arm, out.export)
-    folder = out.folder([file, *cell.files], html)
-    checker = job.load_checker(arm, job.load_scene().transformed(root_from_world))
+    kinds = pp.tool_paths.FollowReport.formats
+    is_folder = out.check_outputs(kinds, [file, *cell.files], "--process-output", out.process_output)
+    check_output_files([out.save, html], [file, *cell.files])
+    folder = out.output if is_folder else None
+    checker = job.load_checker(arm, scene)
     for contact in checker.fixed_contacts:
         print_note(f"every configuration is in collision: {contact}")
+    # Other work than following all paths by one motion
+    if campaign is not None:
+        paths = pp.tool_paths.path_campaign(job, checker=checker, rng=seed)
+        run_campaign(paths, campaign, pool, as_json=as_json)
+        return
+    if program is not None:
+        with progress_status(f"certifying {program}"):
+            text = pp.motion.RobotProgram.load(program, allow_changes=True)
+            outputs = {step.output for step in text.steps if isinstance(step, pp.motion.SetOutput)}
+            proof = pp.collision.certify_program(text, checker, process=outputs)
+        changed = [] if text.certificate else ["the program states no certificate, or was changed since"]
+        lines = [f"{program}: {proof.message}", *changed, *(f"not covered: {note}" for note in proof.notes)]
+        data = {"ok": proof.free, "message": proof.message, "unchanged": bool(text.certificate), "notes": proof.notes}
+        print_result(data, lines, as_json=as_json, ok=proof.free)
+        return
     with progress_status(f"following {file}"):
         report = pp.tool_paths.follow_job(job, checker=checker, suggestions=suggestions, rng=seed, colour=out.colour)
     # The files before the answer, which names them; a motion that is not proven is no motion
     files = list[Path]()
-    program = None
+    made = None
     if report.ok and out.export is not None and folder is not None:
-        program = report.export_program(out.export, output=out.process_output, deviation=out.export_deviation)
-        if program.ok:
+        made = report.export_program(
+            out.export, output=out.process_output, deviation=out.export_deviation, dwell=out.process_dwell
+        )
+        if made.ok:
             files.append(folder / f"{file.stem}{pp.motion.find_dialect(out.export).endings[0]}")
-            program.program.save(files[-1])
+            made.program.save(files[-1])
     motion = out.save if folder is None or out.save is not None else folder / f"{file.stem}.json"
     if report.ok and motion is not None:
         files += [motion, report.motion.save(motion)]
-    reports = [html, out.output] if folder is None else [html, *(folder / f"report{kind}" for kind in report.formats)]
+    reports = [html, out.output] if folder is None else [html, *(folder / f"report{kind}" for kind in kinds)]
     for path in filter(None, reports):
         report.save(path)
         files.append(path)
-    data = report.to_dict() | ({} if program is None else {"program": program.to_dict()})
+    data = report.to_dict() | ({} if made is None else {"program": made.to_dict()})
     lines = [report.to_text(), *(f"not covered: {note}" for note in report.notes)]
-    lines += [] if program is None else [f"{out.export}: {program.message}"]
-    ok = report.ok and (program is None or program.ok)
+    lines += [] if made is None else [f"{out.export}: {made.message}"]
+    ok = report.ok and (made is None or made.ok)
     print_result(data, [*lines, *written(*files)], as_json=as_json, ok=ok)

@@ -7,22 +7,19 @@ much faster.
 
 from __future__ import annotations
 
-import re
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, replace
+from dataclasses import MISSING, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 import pinproof as pp
+from pinproof.cli.cell_options import CellOptions, ExportOptions, WorkerOptions, has_folder, run_campaign
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
-    check_report_output,
     print_error,
     print_json,
     print_line,
@@ -34,85 +31,16 @@ from pinproof.cli.console import (
     until_interrupted,
     written,
 )
-from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, argument, option, placement
-from pinproof.common.validation import optional_module
-from pinproof.errors import CampaignError, InputError, RunInterrupted
+from pinproof.cli.options import Json, Seed, argument, option
+from pinproof.errors import InputError, RunInterrupted
 
 if TYPE_CHECKING:
-    from pinproof.picks import PickSource
-
-CONNECT_SECONDS = 20
-"""Time to wait for the Dask scheduler."""
+    pass
 
 
 @dataclass(frozen=True)
-class CellOptions(RobotFileOptions):
-    """Options that replace the robot and the scene of the picks file."""
-
-    PANEL: ClassVar = "Robot and scene"
-
-    robot: str | None = option(
-        "A catalogue name, a robot file or a DH table. It replaces robot, srdf, package_dirs, xacro_args, "
-        "calibration and limits of the picks file.",
-        None,
-        metavar="ROBOT",
-    )
-    limits: Limits = None
-    tcp: str | None = option(
-        "The tcp frame. Default: the tcp of the picks file, otherwise of the robot.", None, metavar="LINK"
-    )
-    scene: Path | None = option("The scene file (YAML). Default: the scene of the picks file.", None)
-    place: Place = "0 0 0 0"
-
-    @property
-    def files(self) -> tuple[str | Path | None, ...]:
-        """The input files."""
-        return self.robot, self.srdf, self.calibration, self.limits, self.scene
-
-    def open(self, file: Path) -> tuple[pp.Arm, pp.Scene, PickSource]:
-        """The arm, the scene and the picks of a picks file."""
-        # The picks are in the world; the arm needs them, and the scene, in the frame of its root.
-        source = pp.picks.open_picks(file)
-        world_from_root = placement(self.place)
-        if not world_from_root.isIdentity():
-            source = source.transformed(world_from_root.inverse())
-        shared = self.replaced(source.shared)
-        return shared.load_arm(), shared.load_scene().transformed(world_from_root.inverse()), source
-
-    def replaced(self, shared: pp.Picks) -> pp.Picks:
-        """The settings of a file with those of the command, which replace keys of the file, in their place."""
-        # Errors then no longer name the lines of these keys
-        if self.robot is not None:
-            none: dict[str, Any] = {"srdf": None, "calibration": None, "limits": None}
-            shared = replace(shared, robot=self.robot, package_dirs=(), xacro_args={}, **none)
-        stated_here = {"robot": self.robot, "tcp": self.tcp, **{f"xacro_args.{name}": name for name in self.xacro_args}}
-        return replace(
-            shared,
-            srdf=self.srdf or shared.srdf,
-            package_dirs=tuple(self.package_dir or shared.package_dirs),
-            xacro_args={**shared.xacro_args, **self.xacro_args},
-            calibration=self.calibration or shared.calibration,
-            limits=self.limits or shared.limits,
-            tcp=self.tcp or shared.tcp,
-            scene=self.scene or shared.scene,
-            places={key: place for key, place in shared.places.items() if not stated_here.get(key)},
-        )
-
-
-def check_signal(name: str, export: str | None, output: str | None) -> None:
-    """Refuse an output, stated by an option, that a language of robot programs does not have."""
-    if output is None or export is None:
-        return
-    language = pp.motion.find_dialect(export)
-    if not re.fullmatch(language.signals, output):
-        raise InputError(f"{name} {output}: {export} has digital outputs with {language.signal_kind}")
-
-
-@dataclass(frozen=True)
-class OutputOptions:
+class OutputOptions(ExportOptions):
     """Options for the files of the results."""
-
-    PANEL: ClassVar = "Output"
 
     output: Path | None = option(
         "A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
@@ -126,21 +54,11 @@ class OutputOptions:
     grip_dwell: float = option("Seconds that the arm rests in programs while the gripper closes.", 0.0, min=0.0)
     release_dwell: float = option("Seconds that the arm rests in programs while the gripper opens.", 0.0, min=0.0)
 
-    export: str | None = option(
-        "Also write a robot program of each good pick to the folder of -o: urscript, rapid, krl or fanuc.",
-        None,
-        metavar="LANGUAGE",
-    )
     gripper_output: str | None = option(
         "For --export: the digital output that closes the gripper. Default: that of the picks file, or else 1; 0 for "
         "urscript, do_gripper for rapid.",
         None,
         metavar="OUTPUT",
-    )
-    export_deviation: float | None = option(
-        "For --export: assumed deviation of each joint from the moves of the program (rad). Default: 0.002.",
-        None,
-        min=0.0,
     )
 
     @property
@@ -148,15 +66,6 @@ class OutputOptions:
         """Whether an option is used that only applies to a folder."""
         stated = self.export or self.gripper_output or self.export_deviation is not None
         return bool(self.pages or self.grip_dwell or self.release_dwell or stated)
-
-    def check(self) -> bool:
-        """Refuse an output that cannot be written, before the picks are checked; return whether it is a folder."""
-        if self.gripper_output is not None and self.export is None:
-            raise InputError("--gripper-output needs --export")
-        check_signal("--gripper-output", self.export, self.gripper_output)
-        if self.export_deviation is not None and self.export is None:
-            raise InputError("--export-deviation needs --export")
-        return self.output is not None and check_report_output(self.output, pp.picks.REPORT_SUFFIXES)
 
     def export_programs(self, report: pp.picks.PickReport) -> pp.picks.PickReport:
         """Write the programs of ``--export`` to the folder; the report with them."""
@@ -194,43 +103,6 @@ class OutputOptions:
         return text if self.export is None else f"{text}; {len(report.exported)} programs in {self.export}"
 
 
-@dataclass(frozen=True)
-class WorkerOptions:
-    """Options for the processes that check picks."""
-
-    PANEL: ClassVar = "Parallel work"
-
-    workers: int | None = option("Number of parallel processes.", None, min=1)
-    dask: str | None = option("Use the Dask cluster of this scheduler.", None, metavar="tcp://HOST:PORT")
-
-    @property
-    def stated(self) -> bool:
-        """Whether an option is used."""
-        return self.workers is not None or self.dask is not None
-
-    @contextmanager
-    def settings(self) -> Iterator[dict[str, Any]]:
-        """The options as settings of :class:`pinproof.Campaign` and :func:`pinproof.validate_picks`.
-
-        InputError if both options are given, or Dask is not installed; CampaignError if the scheduler does not answer.
-        """
-        # Local processes, or the threads of a cluster
-        if self.dask is None:
-            yield {} if self.workers is None else {"workers": self.workers}
-            return
-        if self.workers is not None:
-            raise InputError("--workers and --dask cannot be combined; remove one of them")
-        distributed = optional_module("distributed", "--dask", "dask")
-        try:
-            client = distributed.Client(self.dask, timeout=CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise CampaignError(f"no Dask scheduler answers at {self.dask}: {error}") from error
-        with client:
-            threads = sum(client.nthreads().values())
-            # Two chunks for each thread keep all threads busy; more workers may join later.
-            yield {"executor": client.get_executor(), "in_flight": max(2 * threads, 16)}
-
-
 def pick(
     file: Path = argument("The picks file (.yaml or a .csv table).", MISSING, metavar="PICKS"),
     *,
@@ -265,8 +137,8 @@ def pick(
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
     path = out.output
-    has_folder = path is not None and (path.is_dir() or path.suffix.lower() not in pp.picks.REPORT_SUFFIXES)
-    if out.for_folder and (not has_folder or screen or campaign is not None):
+    in_folder = has_folder(path, pp.picks.REPORT_SUFFIXES)
+    if out.for_folder and (not in_folder or screen or campaign is not None):
         raise InputError(
             "--pages, --export and its options, --grip-dwell and --release-dwell belong to -o with a folder; "
             "add -o FOLDER"
@@ -297,13 +169,17 @@ def pick(
         _screen(file, cell, path, seed, as_json=as_json)
         return
     if campaign is not None:
-        _run_campaign(file, cell, campaign, pool, seed, path, as_json=as_json)
+        if path is not None and path.suffix.lower() != ".html":
+            raise InputError(f"{path}: with --campaign, -o writes a page and must end in .html")
+        check_output_files([path])
+        arm, world, source = cell.open(file)
+        run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, pool, path, as_json=as_json)
         return
     # Every pick is judged in all stages, unless the language has no programs of the arm.
     if out.export is not None:
         arm, _, source = cell.open(file)
         pp.picks.check_export(arm, source.load(), out.export)
-    is_folder = out.check()
+    is_folder = out.check_outputs(pp.picks.REPORT_SUFFIXES, [], "--gripper-output", out.gripper_output)
     budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
     try:
         with progress_bar(f"checking {file}") as show, pool.settings() as settings:
@@ -364,50 +240,6 @@ def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as
     lines = [found.summary, f"{rate}; approach, retreat and transit are not checked", *written(output)]
     data = {"ok": ok, "picks": len(found), "complete": found.complete, "counts": counts}
     print_result(data, lines, as_json=as_json, ok=ok)
-
-
-def _run_campaign(
-    file: Path,
-    cell: CellOptions,
-    folder: Path,
-    pool: WorkerOptions,
-    seed: int,
-    page: Path | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Run a campaign with a progress bar, print its summary, and write its page; exit code 1 unless all are good.
-
-    Interrupted after Ctrl-C.
-    """
-    if page is not None and page.suffix.lower() != ".html":
-        raise InputError(f"{page}: with --campaign, -o writes a page and must end in .html")
-    check_output_files([page])
-    arm, world, source = cell.open(file)
-    campaign = pp.Campaign(arm, world, source, rng=seed)
-    try:
-        with pool.settings() as settings, progress_bar(f"checking {file}") as show:
-            started = False
-
-            def progress(done: int, total: int) -> None:
-                nonlocal started
-                if not started and done:
-                    print_note(f"resuming: {done:,} of {total:,} picks are already checked")
-                started = True
-                show("picks", done, total)
-
-            result = campaign.run(folder, progress=progress, **settings)
-    except RunInterrupted as error:
-        raise Interrupted(f"{error}; run the same command again to resume") from None
-    lines = [result.summary]
-    if result.damaged:
-        lines.append(f"{result.damaged:,} damaged or edited rows were computed again")
-    if result.to_retry:
-        lines.append(f"{result.to_retry:,} picks crashed their workers; run the same command again to retry them")
-    if page is not None:
-        result.save(page)
-    lines += [*(f"not covered: {note}" for note in result.notes), *written(result.path, page)]
-    print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)
 
 
 def demo(

@@ -44,6 +44,7 @@ from pinproof.motion import (
     Step,
     ToolData,
     Trajectory,
+    Wait,
     controller_motion,
     external_joints,
     find_dialect,
@@ -144,6 +145,7 @@ def export_motions(
     least_share: float = 0.0,
     free: bool = True,
     tool: ToolData | None = None,
+    dwell: float = 0.0,
 ) -> ToolPathProgram:
     """Write motions along tool paths as one program with the output of the process, and certify what it executes.
 
@@ -169,6 +171,8 @@ def export_motions(
         Whether the rotation of the tool about its axis is free, so that the angle is that of the axis.
     tool
         The tool that the text declares.
+    dwell
+        Seconds that the arm rests after the process is switched on.
 
     Raises
     ------
@@ -195,8 +199,11 @@ def export_motions(
             if least.stops == 0:
                 break
         lines += [least] if least else []
-        switches: list[Step] = [SetOutput(output, on) for on in (True, False)] if motion.process else []
-        steps += [*switches[:1], *lines[-1].steps, *switches[1:]]
+        along: list[Step] = [*lines[-1].steps]
+        if motion.process:
+            rest = [Wait(dwell)] if dwell else []
+            along = [SetOutput(output, True), *rest, *along, SetOutput(output, False)]
+        steps += along
     write = partial(
         make_program, steps, arm.joint_names, dialect=dialect, name=name, deviation=deviation, tool=tool,
     )  # fmt: skip

@@ -144,7 +144,13 @@ class FollowReport(Saved):
         return csv_text(CSV_COLUMNS, rows)
 
     def export_program(
-        self, dialect: str, *, output: str | None = None, deviation: float | None = None, name: str = ""
+        self,
+        dialect: str,
+        *,
+        output: str | None = None,
+        deviation: float | None = None,
+        dwell: float = 0.0,
+        name: str = "",
     ) -> ToolPathProgram:
         """Write the whole motion as a program of a robot controller, and certify it; see :func:`export_motions`.
 
@@ -173,7 +179,7 @@ class FollowReport(Saved):
             name=name or (job.source.stem if job.source else "paths"), deviation=deviation,
             allowed=(job.deviation, job.rotation_deviation),
             least_share=0.0 if job.speed_tolerance is None else 1.0 - job.speed_tolerance,
-            free=job.free_rotation is not False, tool=controller_tool(self.checker.arm, settings),
+            free=job.free_rotation is not False, tool=controller_tool(self.checker.arm, settings), dwell=dwell,
         )  # fmt: skip
 
     def _write_page(self, path: str | Path) -> None:

@@ -531,7 +531,7 @@ class ItemCampaign:
     """
 
     def __init__(self, setup: CampaignSetup, source: CampaignSource, judge: Judge, *, items: str) -> None:
-        self._setup, self._source, self._judge, self._items = setup, source, judge, items
+        self._setup, self._source, self._judge, self.items = setup, source, judge, items
 
     def __len__(self) -> int:
         return len(self._source)
@@ -541,12 +541,12 @@ class ItemCampaign:
         checker = self._setup.checker
         header = {
             "schema": SCHEMA,
-            "items": self._items,
-            self._items: len(self),
+            "items": self.items,
+            self.items: len(self),
             "setup": {
                 "pinproof": code_here(),
                 **self._setup.identity(),
-                self._items: f"{len(self)} {self._items} {self._source.digest()}",
+                self.items: f"{len(self)} {self.items} {self._source.digest()}",
                 "judge": describe_code(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
@@ -644,7 +644,7 @@ class ItemCampaign:
                         if progress is not None:
                             progress(there, len(self))
             except KeyboardInterrupt:
-                raise RunInterrupted(f"interrupted after {there:,} of {len(self):,} {self._items}", None) from None
+                raise RunInterrupted(f"interrupted after {there:,} of {len(self):,} {self.items}", None) from None
             # The rows in order replace the journal, which is removed only when they are on the disk.
             write_bytes_whole(rows, chain([journal.header], journal.lines()))
             times = folder / TIMINGS

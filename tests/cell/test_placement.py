@@ -237,18 +237,17 @@ def test_setups_of_other_placements_keep_no_caches(arm, scene, bolts) -> None:
     placed = PlacedRobot.make(arm, scene, np.eye(4))
     work = PickWork(bolts)
     home, weights = arm.home if not bolts.home else bolts.home_configuration(arm.joint_names, arm.home), PickWeights()
-    judgings = tuple(
-        work.judging(placed.arm_at(np.array([x, 0, 0, 0])), placed.scene, home, 0, weights, QUICK)
-        for x in (-0.1, -0.05)
+    works = tuple(
+        work.at(placed.arm_at(np.array([x, 0, 0, 0])), placed.scene, home, 0, weights, QUICK) for x in (-0.1, -0.05)
     )
-    task = CertifyTask(judgings)
+    task = CertifyTask(works)
     rows = task(0, [(0, 0)])
     judged = weakref.ref(task._current[0][1].setup)
     rows += task(1, [(1, 0), (1, 1)])
     assert judged() is None
     assert [row["ok"] for row in rows] == [True, True, True]
-    assert ["cell" in vars(judging.setup) for judging in judgings] == [False, False]
-    expected = judgings[1].setup.judge(1, bolts.picks[1])
+    assert ["cell" in vars(each.setup) for each in works] == [False, False]
+    expected = works[1].setup.judge(1, bolts.picks[1])
     assert rows[2]["duration"] == expected.trajectory.duration  # type: ignore[union-attr]  # it is good
 
 

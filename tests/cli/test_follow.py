@@ -75,9 +75,44 @@ def test_a_robot_and_its_calibration_replace_those_of_the_file(run: Cli) -> None
     run.refuses("follow", job(), "--calibration", "kinematics.csv", named="kinematics.csv")
 
 
+def test_a_saved_program_is_certified_again_in_the_cell_of_the_file(run: Cli) -> None:
+    run("follow", job(), "-o", "out", "--export", "rapid", "--process-dwell", "0.5")
+    text = Path("out/job.mod").read_text()
+    assert text.index("SetDO do_process, 1") < text.index("WaitTime 0.5") < text.index("SetDO do_process, 0")
+    data = run.json("follow", "job.json", "--program", "out/job.mod")
+    assert (data["ok"], data["unchanged"]) == (True, True)
+    # An obstacle on the path, by the scene of the command
+    Path("scene.yaml").write_text("obstacles:\n  - {name: block, box: [0.05, 0.05, 0.05], xyz: [0.45, 0, 0.25]}\n")
+    out = run.prints("follow", "job.json", "--program", "out/job.mod", "--scene", "scene.yaml", code=1)
+    assert "block" in out
+
+
+def test_a_base_is_placed_for_a_job_of_tool_paths(run: Cli) -> None:
+    far = job(points=[[0.7, -0.05, 0.3], [1.0, -0.05, 0.3]])
+    words = ("cell", "place", far, "--region", "0 0.4 -0.2 0.2", "--grid", "12", "--runs", "0", "--deviations", "0")
+    data = run.json(*words, "-o", "place")
+    assert data["ok"]
+    best = data["placements"][0]
+    assert "FOUND" in run.prints("follow", far, "--place", f"{best['x']} {best['y']} {best['z']} {best['yaw']}")
+    assert json.loads(Path("place/report.json").read_text())["strokes"][0]["status"] == "FOUND"
+    assert not run.json("cell", "place", far, *words[3:4], "3 4 3 4", *words[5:], code=1)["ok"]
+
+
+@pytest.mark.slow  # it starts processes
+def test_a_campaign_follows_each_path_by_itself(run: Cli) -> None:
+    points = [LINE, [[1.5, 0, 0.2], [1.6, 0, 0.2]]]
+    strokes = [{"name": f"seam {k}", "points": own, "normals": UP} for k, own in enumerate(points)]
+    data = run.json("follow", job(strokes=strokes), "--campaign", "out", "--workers", "1", code=1)
+    assert data["summary"] == "1 of 2 paths good; failed: 1 at blocked"
+    assert len(Path("out/rows.jsonl").read_text().splitlines()) == 3
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
+        (("job.json", "--campaign", "out", "-o", "report.json"), ("--campaign", "-o")),
+        (("job.json", "--workers", "2"), ("--campaign",)),
+        (("job.json", "--program", "out.mod"), ("out.mod",)),
         (("jobb.json",), ("jobb.json", "job.json")),
         (("job.json", "--export", "rapd", "-o", "out"), ("rapd", "rapid")),
         (("job.json", "--export", "rapid"), ("-o FOLDER",)),

@@ -9,7 +9,7 @@ import contextlib
 import itertools
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +21,6 @@ from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import NoClosedForm
 from pinproof.ik import IkTask
-from pinproof.motion import Trajectory
 from pinproof.spatial import Array
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill, redundant_axes
@@ -44,36 +43,6 @@ POINTS, SIZE, WIDE = 240, 0.012, 50.0
 STRIPS = 12
 # Values of the redundant joint of an arm of seven joints at which a cell is checked.
 REDUNDANT = 12
-
-
-class PicturedPlan(Protocol):
-    """What is drawn of a plan, as of :class:`pinproof.tool_paths.FollowPlan`."""
-
-    if TYPE_CHECKING:  # read-only
-
-        @property
-        def ok(self) -> bool:
-            """Whether there is a motion."""
-
-        @property
-        def path(self) -> ToolPath:
-            """The path."""
-
-        @property
-        def checker(self) -> CollisionChecker:
-            """The arm in its scene."""
-
-        @property
-        def pieces(self) -> tuple[Any, ...]:
-            """The parts that are followed without lifting the tool."""
-
-        @property
-        def blocked(self) -> tuple[Any, ...]:
-            """The poses that cannot be passed."""
-
-        @property
-        def motions(self) -> tuple[tuple[str, Trajectory], ...]:
-            """The parts of the motion by name."""
 
 
 @described(eq=False)
@@ -140,7 +109,7 @@ class RotationStrip(Shown):
 def rotation_strip(
     checker: CollisionChecker,
     path: ToolPath,
-    plan: PicturedPlan | None = None,
+    plan: Any | None = None,
     *,
     rotations: int = 72,
     places: int = 120,
@@ -154,7 +123,7 @@ def rotation_strip(
     path
         The path.
     plan
-        The plan whose rotation is drawn.
+        The :class:`FollowPlan` whose rotation is drawn.
     rotations
         Number of rotations over a full revolution.
     places
@@ -190,7 +159,7 @@ def rotation_strip(
     return RotationStrip(at, angles, np.array(codes, dtype=np.int64).reshape(len(at), -1), tuple(chosen))
 
 
-def pictured(plans: Mapping[str, PicturedPlan], by: Literal["clearance", "speed"] = "clearance") -> dict[str, Any]:
+def pictured(plans: Mapping[str, Any], by: Literal["clearance", "speed"] = "clearance") -> dict[str, Any]:
     """The content of a page with plans by the names of their paths: coloured points, strips, and a reason if one fails.
 
     The arguments are those of :func:`pinproof.write_html`.
@@ -227,7 +196,7 @@ def _strip_panel(strips: Mapping[str, RotationStrip], names: Mapping[str, tuple[
     )
 
 
-def coloured_path(plans: Sequence[PicturedPlan], by: Literal["clearance", "speed"] = "clearance") -> ColouredPoints:
+def coloured_path(plans: Sequence[Any], by: Literal["clearance", "speed"] = "clearance") -> ColouredPoints:
     """The points of paths, coloured by the clearance of the arm or the speed of the tool on them.
 
     Paths without a motion are green where they can be followed, and red where they cannot be passed.

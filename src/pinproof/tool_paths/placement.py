@@ -55,6 +55,8 @@ class JobWork:
     """A job of tool paths as the work of a robot whose base is placed."""
 
     job: ToolJob
+    checker: CollisionChecker | None = None
+    rng: int = 0
 
     parts, poses, success = "strokes", "poses", "followed by one certified motion"
 
@@ -112,16 +114,32 @@ class JobWork:
                     found.append((f"the {name} of {stroke.name}", stroke.name, lifted))
         return found
 
-    def judging(
-        self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget
-    ) -> JobJudging:
-        """Follows the job; a home is part of the motion only if the job states one."""
+    def at(self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget) -> JobWork:
+        """The job with the arm at a placement; a home is part of the motion only if the job states one."""
         del weights, budget
         job = self.job
         if job.settings.home:
             stated = dict(zip(arm.joint_names, home.tolist(), strict=True))
             job = replace(job, settings=replace(job.settings, home=stated))
-        return JobJudging(job, job.load_checker(job.at_tip(arm), scene), rng)
+        return JobWork(job, job.load_checker(job.at_tip(arm), scene), rng)
+
+    def fresh(self) -> JobWork:
+        """The same: nothing is kept."""
+        return self
+
+    def judge(self, index: int) -> FollowReport:
+        """The report on the job."""
+        del index
+        return follow_job(self.job, checker=self.checker, suggestions=0, rng=self.rng)
+
+    def row(self, verdict: FollowReport) -> dict[str, Any]:
+        """The outcome, with the first stroke that is not followed."""
+        failed = next((own.stroke.name for own in verdict.strokes if not own.plan.ok), verdict.motion.status.name)
+        return {"ok": verdict.ok, "failed_at": "" if verdict.ok else failed, "duration": verdict.total_time}
+
+    def report(self, verdicts: Sequence[FollowReport]) -> FollowReport:
+        """The report on the job."""
+        return verdicts[0]
 
     def score(self, report: FollowReport, objective: str) -> float:
         """The value of the objective for the motion of the job."""
@@ -135,31 +153,3 @@ class JobWork:
         name = self._places()[index][1]
         failed = {own.stroke.name: own.plan.message for own in report.strokes if not own.plan.ok}
         return failed.get(name)
-
-
-@dataclass(frozen=True, eq=False)
-class JobJudging:
-    """Follows a job with the arm at one placement."""
-
-    job: ToolJob
-    checker: CollisionChecker
-    rng: int
-
-    def judge(self, index: int) -> FollowReport:
-        """The report on the job."""
-        del index
-        return follow_job(self.job, checker=self.checker, suggestions=0, rng=self.rng)
-
-    def row(self, verdict: FollowReport) -> dict[str, Any]:
-        """The outcome, with the first stroke that is not followed."""
-        failed = next((own for own in verdict.strokes if not own.plan.ok), None)
-        failed_at = "" if verdict.ok else verdict.motion.status.name if failed is None else failed.stroke.name
-        return {"ok": verdict.ok, "failed_at": failed_at, "duration": verdict.total_time if verdict.ok else None}
-
-    def report(self, verdicts: Sequence[FollowReport]) -> FollowReport:
-        """The report on the job."""
-        return verdicts[0]
-
-    def copy(self) -> JobJudging:
-        """The same: nothing is kept."""
-        return self

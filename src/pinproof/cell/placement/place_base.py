@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.cell.placement.placed_work import CertifyTask, Judging, PickWork, PlacedReport, PlacedWork
+from pinproof.cell.placement.placed_work import CertifyTask, PickWork, PlacedWork
 from pinproof.cell.placement.placement_result import (
     CertifiedPlacement,
     PlacementMap,
@@ -224,10 +224,10 @@ class _Alternative:
         screening = PlacementScreening(placed, shared, start, work.table(cell), region.forbidden)
         return cls(choice.name, placed, work, start, screening)
 
-    def judging(self, placement: Array, search: _PlacementSearch) -> Judging:
-        """What the items are judged with at a placement (4,)."""
+    def at(self, placement: Array, search: _PlacementSearch) -> PlacedWork:
+        """The work with the arm at a placement (4,)."""
         arm = self.placed.arm_at(placement)
-        return self.work.judging(arm, self.placed.scene, self.home, search.rng, search.weights, search.pick_budget)
+        return self.work.at(arm, self.placed.scene, self.home, search.rng, search.weights, search.pick_budget)
 
 
 @dataclass(eq=False)
@@ -345,12 +345,12 @@ class _PlacementSearch:
             if self.candidates[0].ok:
                 return
 
-    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[PlacedReport]:
+    def _judge(self, stage: str, chosen: list[Screened], indices: Sequence[int]) -> list[Any]:
         """The reports on the items with these indices at each placement; each item is judged once at a placement."""
-        judgings = tuple(self.alternatives[choice].judging(values, self) for choice, values, _ in chosen)
+        works = tuple(self.alternatives[choice].at(values, self) for choice, values, _ in chosen)
         known = [self._verdicts.setdefault((choice, *values.tolist()), {}) for choice, values, _ in chosen]
         items = [(k, index) for k in range(len(chosen)) for index in indices if index not in known[k]]
-        task = CertifyTask(judgings)
+        task = CertifyTask(works)
         rows = dict(zip(items, self.runner.run(stage, task, items, 1), strict=True))
         # rows that were read from the folder have no motions, so these items are judged again
         if read := [item for item, row in rows.items() if "keep" not in row]:
@@ -358,7 +358,7 @@ class _PlacementSearch:
             rows.update(zip(read, again, strict=True))
         for (k, index), row in rows.items():
             known[k][index] = row["keep"]
-        return [judging.report([known[k][index] for index in indices]) for k, judging in enumerate(judgings)]
+        return [work.report([known[k][index] for index in indices]) for k, work in enumerate(works)]
 
     def _measure_sensitivity(self) -> None:
         """Find how far the base may be off along each axis, by judging every pick in all stages at some deviations.
@@ -383,9 +383,9 @@ class _PlacementSearch:
             if not chosen:
                 break
             # all picks at each of these deviations, in all stages
-            judgings = tuple(alternative.judging(directions[d].moved(values, k), self) for d, k in chosen)
+            works = tuple(alternative.at(directions[d].moved(values, k), self) for d, k in chosen)
             items = [(place, index) for place in range(len(chosen)) for index in range(len(self.work.names))]
-            task = CertifyTask(judgings, keep=False)
+            task = CertifyTask(works, keep=False)
             rows = self.runner.run(f"sensitivity_{number}", task, items, 1)
             # for each deviation the first pick that fails, with its stage
             judged: list[dict[int, tuple[str, str]]] = [{} for _ in directions]

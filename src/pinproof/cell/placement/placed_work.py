@@ -19,46 +19,6 @@ from pinproof.picks import PickBudget, PickCell, PickReport, Picks, PickSetup, P
 from pinproof.spatial import Array
 
 
-class PlacedReport(Protocol):
-    """The report on a work at one placement."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether all of the work can be done."""
-
-    @property
-    def good(self) -> Sequence[Any]:
-        """The parts that can be done."""
-
-    @property
-    def judged(self) -> int:
-        """The number of parts."""
-
-    @property
-    def total_time(self) -> float:
-        """Seconds of all motions."""
-
-    @property
-    def clearance(self) -> float:
-        """Metres: the smallest proven clearance of all motions."""
-
-
-class Judging(Protocol):
-    """Judges the items of a work at one placement."""
-
-    def judge(self, index: int) -> Any:
-        """The verdict on an item."""
-
-    def row(self, verdict: Any) -> dict[str, Any]:
-        """Plain values of a verdict: whether it is ``ok``, where it ``failed_at``, and its ``duration`` (s)."""
-
-    def report(self, verdicts: Sequence[Any]) -> PlacedReport:
-        """The report on items with these verdicts."""
-
-    def copy(self) -> Judging:
-        """The same without what it has kept of items that it judged."""
-
-
 @runtime_checkable
 class PlacedWork(Protocol):
     """A work for which a base is placed, such as :class:`PickWork`."""
@@ -89,10 +49,20 @@ class PlacedWork(Protocol):
     def table(self, cell: PickCell) -> GraspTable:
         """The poses in the cell, whose frame is that of the placements."""
 
-    def judging(
-        self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget
-    ) -> Judging:
-        """What judges the items, with the arm at a placement."""
+    def at(self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget) -> PlacedWork:
+        """The work with the arm at a placement; :meth:`judge` and :meth:`report` are for such a work."""
+
+    def fresh(self) -> PlacedWork:
+        """The same without what it has kept of items that it judged."""
+
+    def judge(self, index: int) -> Any:
+        """The verdict on an item."""
+
+    def row(self, verdict: Any) -> dict[str, Any]:
+        """Plain values of a verdict: whether it is ``ok``, where it ``failed_at``, and its ``duration`` (s)."""
+
+    def report(self, verdicts: Sequence[Any]) -> Any:
+        """The report on items: whether it is ``ok``, ``good`` parts of ``judged``, ``total_time``, ``clearance``."""
 
     def score(self, report: Any, objective: str) -> float:
         """The value of an objective, which is minimised."""
@@ -106,6 +76,7 @@ class PickWork:
     """Picks as the work of a robot whose base is placed."""
 
     picks: Picks
+    setup: PickSetup | None = None
 
     parts, poses, success = "picks", "picks", "good in all stages"
 
@@ -145,12 +116,38 @@ class PickWork:
             raise InputError(f"pick {self.names[index]!r} is invalid: {reason}")
         return table
 
-    def judging(
-        self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget
-    ) -> PickJudging:
-        """Judges picks in all stages."""
+    def at(self, arm: Arm, scene: Scene, home: Array, rng: int, weights: PickWeights, budget: PickBudget) -> PickWork:
+        """The picks with the arm at a placement."""
         setup = PickSetup.make(arm, scene, self.picks, home=home, rng=rng, weights=weights, budget=budget)
-        return PickJudging(setup, self.picks)
+        return PickWork(self.picks, setup)
+
+    def fresh(self) -> PickWork:
+        """With a setup that has no caches."""
+        return PickWork(self.picks, replace(self._placed))
+
+    def judge(self, index: int) -> PickVerdict:
+        """The verdict of all stages."""
+        return self._placed.judge(index, self.picks.picks[index])
+
+    def row(self, verdict: PickVerdict) -> dict[str, Any]:
+        """The outcome of a verdict, with the stage at which it failed."""
+        failed_at = "" if verdict.failed is None else verdict.failed.value
+        duration = None if verdict.trajectory is None else verdict.trajectory.duration
+        return {"ok": verdict.ok, "failed_at": failed_at, "duration": duration}
+
+    def report(self, verdicts: Sequence[PickVerdict]) -> PickReport:
+        """The report on picks."""
+        arm = self._placed.checker.arm
+        return PickReport(
+            arm.robot.name, tuple(verdicts), self.picks.problems, arm.limits.acceleration_source,
+            self._placed.not_covered({pick.carried is not None for pick in self.picks}), self._placed,
+        )  # fmt: skip
+
+    @property
+    def _placed(self) -> PickSetup:
+        if self.setup is None:
+            raise InputError("the work has no placement")
+        return self.setup
 
     def score(self, report: PickReport, objective: str) -> float:
         """The certified value of the objective."""
@@ -163,42 +160,12 @@ class PickWork:
 
 
 @dataclass(frozen=True, eq=False)
-class PickJudging:
-    """Judges picks with the arm at one placement."""
-
-    setup: PickSetup
-    picks: Picks
-
-    def judge(self, index: int) -> PickVerdict:
-        """The verdict of all stages."""
-        return self.setup.judge(index, self.picks.picks[index])
-
-    def row(self, verdict: PickVerdict) -> dict[str, Any]:
-        """The outcome of a verdict, with the stage at which it failed."""
-        failed_at = "" if verdict.failed is None else verdict.failed.value
-        duration = None if verdict.trajectory is None else verdict.trajectory.duration
-        return {"ok": verdict.ok, "failed_at": failed_at, "duration": duration}
-
-    def report(self, verdicts: Sequence[PickVerdict]) -> PickReport:
-        """The report on picks."""
-        arm = self.setup.checker.arm
-        return PickReport(
-            arm.robot.name, tuple(verdicts), self.picks.problems, arm.limits.acceleration_source,
-            self.setup.not_covered({pick.carried is not None for pick in self.picks}), self.setup,
-        )  # fmt: skip
-
-    def copy(self) -> PickJudging:
-        """With a setup that has no caches."""
-        return replace(self, setup=replace(self.setup))
-
-
-@dataclass(frozen=True, eq=False)
 class CertifyTask:
     """Judges items of a work, given as (number of the candidate, index of the item)."""
 
-    judgings: tuple[Judging, ...]
+    works: tuple[PlacedWork, ...]
     keep: bool = True
-    _current: list[tuple[int, Judging]] = field(default_factory=list, init=False)
+    _current: list[tuple[int, PlacedWork]] = field(default_factory=list, init=False)
 
     def __call__(self, start: int, part: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
         """The rows of consecutive items; with ``keep`` each keeps its verdict in memory."""
@@ -209,9 +176,9 @@ class CertifyTask:
             if not self._current or self._current[0][0] != candidate:
                 self._current.clear()
                 gc.collect()
-                self._current.append((candidate, self.judgings[candidate].copy()))
-            judging = self._current[0][1]
-            verdict = judging.judge(index)
-            row = judging.row(verdict)
+                self._current.append((candidate, self.works[candidate].fresh()))
+            work = self._current[0][1]
+            verdict = work.judge(index)
+            row = work.row(verdict)
             rows.append({**row, "keep": verdict} if self.keep else row)
         return rows

@@ -1,4 +1,4 @@
-"""Paths of G-code and of CL data: arcs on the analytic circle, modes, strokes, and refused words with their line."""
+"""Paths of G-code: arcs on the analytic circle, modes, strokes, and refused words with their line."""
 
 import json
 
@@ -102,9 +102,8 @@ def test_the_unit_of_a_stroke_is_that_of_gcode_that_states_none(tmp_path):
     (stroke,) = strokes_of(tmp_path, "G0 X1\nG1 X2 F60", unit="in")
     assert positions(stroke)[:, 0] == pytest.approx([0.0254, 0.0508])
     assert stroke.path.speed == pytest.approx([0.0254])
-    for text, name in (("G21 G0 X1\nG1 X2 F60", "a.nc"), ("UNITS/MM\nGOTO/0,0,0,0,0,1\nGOTO/1,0,0,0,0,1", "a.apt")):
-        with pytest.raises(ToolPathError, match=r"line 1.*in mm, but unit is in"):
-            strokes_of(tmp_path, text, name=name, unit="in")
+    with pytest.raises(ToolPathError, match=r"line 1.*in mm, but unit is in"):
+        strokes_of(tmp_path, "G21 G0 X1\nG1 X2 F60", unit="in")
 
 
 @pytest.mark.parametrize("end", ["M2", "M30"])
@@ -153,51 +152,3 @@ def test_an_extruder_after_g91_is_read_only_if_all_controllers_read_it_alike(tmp
 def test_unusable_gcode_is_refused_with_its_line(tmp_path, text, words):
     with pytest.raises(ToolPathError, match=words):
         strokes_of(tmp_path, text)
-
-
-APT = """PARTNO/COVER
-UNITS/MM
-$$ the first stroke
-SPINDL/2000,RPM,CLW
-RAPID
-GOTO/10,0,50,0,0,1
-FEDRAT/600,MMPM
-GOTO/10,0,0,0,0,1
-GOTO/10,20,0,0,1,1
-RAPID
-GOTO/50,0,50
-SPINDL/OFF
-FEDRAT/10,IPM
-GOTO/50,0,0,0,0,2
-FINI
-"""
-
-
-def test_cl_data_states_axes_and_feeds(tmp_path):
-    first, second = strokes_of(tmp_path, APT, name="a.apt")
-    assert positions(first) == pytest.approx(np.array([[10, 0, 50], [10, 0, 0], [10, 20, 0]]) * 1e-3)
-    assert first.path.poses[:, :3, 2] == pytest.approx(
-        np.array([[0, 0, -1], [0, 0, -1], [0, -(0.5**0.5), -(0.5**0.5)]])
-    )
-    assert first.path.speed == pytest.approx([0.01, 0.01])
-    assert second.path.speed == pytest.approx([10 * 0.0254 / 60])
-    assert (first.process, second.process) == (True, False)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("GOTO/0,0,0\nGOTO/1,2", "line 2.*3 or 6 numbers"),
-        ("GOTO/0,0,nan", "line 1"),
-        ("GOTO/0,0,0\nCIRCLE/0,0,0,0,0,1,5", "line 2.*CIRCLE.*GOTO"),
-        ("GOTO/0,0,0\nGOTO/10,0,0", "no axis of the tool"),
-        ("GOTO/0,0,0,0,0,1\nGOTO/10,0,0,0,1,1\nGOTO/20,0,0", "axis of the tool at some positions"),
-        ("GOTO/0,0,0,0,0,1\nGOTO/9,0,0,0,0,1\nFEDRAT/9\nGOTO/20,0,0,0,0,1", "no feed"),
-        ("GOTO/0,0,0,0,0,0\nGOTO/1,0,0,0,0,0", "length 0"),
-        ("FEDRAT/MMPM", "FEDRAT|numbers"),
-        ("RAPID", "no feed move"),
-    ],
-)
-def test_unusable_cl_data_is_refused_with_its_line(tmp_path, text, words):
-    with pytest.raises(ToolPathError, match=words):
-        strokes_of(tmp_path, text, name="a.cls")

@@ -22,7 +22,7 @@ from pinproof.model import Arm
 from pinproof.picks import SETTINGS, Picks, checker_of_picks, read_settings, root_from_frame
 from pinproof.spatial import SE3
 from pinproof.tool_paths.geometry import Contour, Raster, paths_on
-from pinproof.tool_paths.machine_code import read_apt, read_gcode
+from pinproof.tool_paths.machine_code import read_gcode
 from pinproof.tool_paths.path import LONGEST_LINE, ToolPath
 from pinproof.tool_paths.path_files import SUFFIXES, PathPoints, as_many, read_points, read_table
 from pinproof.tool_paths.rungs import COSTS, FollowCosts
@@ -32,7 +32,6 @@ READERS: dict[str, Callable[[Path, Any, str], list[tuple[ToolPath, bool]]]] = {
     ".csv": read_table,
     **dict.fromkeys(SUFFIXES, read_points),
     **dict.fromkeys((".gcode", ".nc", ".ngc"), read_gcode),
-    **dict.fromkeys((".apt", ".cls"), read_apt),
 }
 """The readers of the files of paths, by suffix; each path is with whether the process is on."""
 

@@ -1,4 +1,4 @@
-"""Paths in the languages of machine tools: G-code for dispensing and printing (RS-274), and CL data of APT (ISO 4343).
+"""Paths of G-code for dispensing and printing (RS-274).
 
 A path is a run of feed moves between two rapid moves. Words that state something else than a path of the tool and its
 process, such as offsets and canned cycles, are refused with the number of their line.
@@ -47,48 +47,35 @@ MOST_POINTS = 10_000
 class FeedMove:
     """A move of the tool on lines through ``points`` (k, 3) in metres, at a speed (m/s), None where none is stated.
 
-    ``axis`` (3,) is the direction from the tip into the tool, if it is stated. ``process`` states whether the process
-    is on, None where nothing is stated of it, and ``rapid`` that the tool is lifted.
+    ``process`` states whether the process is on, None where nothing is stated of it, and ``rapid`` that the tool is
+    lifted.
     """
 
     points: Array
     speed: float | None
     process: bool | None
     rapid: bool = False
-    axis: list[float] | None = None
 
 
-def paths_of(
-    moves: list[FeedMove], normal: Array | None, speed: float | None, name: str
-) -> list[tuple[ToolPath, bool]]:
+def paths_of(moves: list[FeedMove], normal: Array, speed: float | None, name: str) -> list[tuple[ToolPath, bool]]:
     """The paths of runs of feed moves between rapid moves and changes of the process, which is on if never stated."""
     stated = any(move.process is not None for move in moves)
     # The tool is at the origin before the first move
     begin, paths = np.zeros(3), []
-    axis: list[float] | None = None
     for (rapid, process), run in groupby(moves, lambda move: (move.rapid, bool(move.process))):
-        points, axes, speeds = [begin], [axis], list[float | None]()
+        points, speeds = [begin], list[float | None]()
         for move in run:
             points += list(move.points)
-            axes += [move.axis] * len(move.points)
             speeds += [move.speed if speed is None else speed] * len(move.points)
-        begin, axis = points[-1], axes[-1]
-        axes[0] = axes[0] or axes[1]
+        begin = points[-1]
         if rapid or np.ptp(points, axis=0).max() == 0.0:
             continue
         if None in speeds and any(speeds):
-            raise InputError(
-                "states no feed (F, FEDRAT) before the first moves of a path, only later; add it, or speed"
-            )
-        if None in axes and any(axes):
-            raise InputError("states the axis of the tool at some positions of a path only; state it at all of them")
-        if normal is None and None in axes:
-            raise InputError("states no axis of the tool; add the normal of the surface, such as 'normals: [0, 0, 1]'")
-        normals: Any = normal if None in axes else axes
+            raise InputError("states no feed (F) before the first moves of a path, only later; add it, or speed")
         timed: Any = None if None in speeds else speeds
-        paths.append((ToolPath.through(points, normals, speed=timed, name=name), process or not stated))
+        paths.append((ToolPath.through(points, normal, speed=timed, name=name), process or not stated))
     if not paths:
-        raise InputError("has no feed move (G1, G2, G3; GOTO) along which the tool moves")
+        raise InputError("has no feed move (G1, G2, G3) along which the tool moves")
     return paths
 
 
@@ -242,72 +229,8 @@ def read_gcode(file: Path, source: PathPoints, name: str) -> list[tuple[ToolPath
         return paths_of([move for move in moves if move is not None], normal, source.speed, name)
 
 
-# -- CL data of APT ---------------------------------------------------------------------------------------------------
-
-IGNORED = {
-    "PARTNO", "PPRINT", "MACHIN", "MULTAX", "LOADTL", "CUTTER", "COOLNT", "TOOLNO", "REMARK", "FINI", "END", "LOADTOOL",
-    "TPRINT", "CUTCOM/OFF", "OPSTOP", "STOP",
-}  # fmt: skip
-FEEDS = {"MMPM": (1e-3, 60.0), "IPM": (0.0254, 60.0), "MMPS": (1e-3, 1.0)}
-"""Metres and seconds per unit of a feed."""
-
-
-@dataclass(eq=False)
-class _CutterLocation:
-    """The state of a reader of CL data: metres per unit, speed (m/s), a rapid move ahead, and the process."""
-
-    given: str | None
-    scale: float
-    feed: float | None = None
-    rapid: bool = True
-    on: bool | None = None
-
-    def line(self, line: str) -> FeedMove | None:
-        """Execute a statement, and return its move if it has one; the first move leads to the first path."""
-        word, _, rest = line.partition("$$")[0].strip().upper().partition("/")
-        word, given = word.strip(), [part.strip() for part in rest.split(",")]
-        if word == "UNITS" and given[0] in ("MM", "INCHES"):
-            self.scale = _unit("mm" if given[0] == "MM" else "in", self.given)
-        elif word == "RAPID":
-            self.rapid = True
-        elif word == "SPINDL":
-            self.on = given[0] != "OFF"
-        elif word == "FEDRAT":
-            length, seconds = next((FEEDS[part] for part in given if part in FEEDS), (self.scale, 60.0))
-            self.feed = _numbers([part for part in given if part not in FEEDS], (1,))[0] * length / seconds
-        elif word == "GOTO":
-            values = _numbers(given, (3, 6))
-            move = FeedMove(self.scale * np.array([values[:3]]), self.feed, self.on, self.rapid, values[3:] or None)
-            self.rapid = False
-            return move
-        elif word and word not in IGNORED:
-            valid = "GOTO, RAPID, FEDRAT, SPINDL, UNITS/MM, UNITS/INCHES"
-            raise InputError(f"the statement {line.strip()[:40]!r} is not supported; valid: {valid}")
-        return None
-
-
-def read_apt(file: Path, source: PathPoints, name: str) -> list[tuple[ToolPath, bool]]:
-    """The paths of a CL file, with whether the process is on."""
-    reader = _CutterLocation(source.unit, LENGTH_UNITS[source.unit or "mm"])
-    with errors_of(file, ToolPathError):
-        lines = enumerate(read_text(file, ToolPathError).splitlines(), 1)
-        moves = [step("", f"line {number}", reader.line, line) for number, line in lines]
-        return paths_of([move for move in moves if move is not None], source.normals, source.speed, name)
-
-
 def _unit(name: str, given: str | None) -> float:
     """Metres of a unit that a file states; refused if it is not the given one."""
     if given not in (None, name):
         raise InputError(f"states lengths in {name}, but unit is {given}; remove unit")
     return LENGTH_UNITS[name]
-
-
-def _numbers(texts: list[str], counts: tuple[int, ...]) -> list[float]:
-    try:
-        values = [float(text) for text in texts]
-    except ValueError:
-        values = []
-    if len(values) not in counts or not np.isfinite(values).all():
-        wanted = " or ".join(map(str, counts))
-        raise InputError(f"states {', '.join(texts)!r}; it must be {wanted} numbers")
-    return values

@@ -181,6 +181,15 @@ def test_distances_of_drawn_bodies_are_those_of_coal(visit, pages):
     assert 10 < apart < 66
 
 
+def slide(page: Page, key: str) -> None:
+    """Move the focused slider to its start or end by a key."""
+    for kind in ("rawKeyDown", "keyUp"):
+        page.send(
+            "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key]
+        )
+    settle(page)
+
+
 def camera(page: Page):
     """The direction from the target to the camera, and the target, in the frame of the root link."""
     x, y, z, a, b, c = page.evaluate(
@@ -240,13 +249,14 @@ def test_a_section_hides_what_is_beyond_it_from_the_eye_and_the_pointer(page):
     whole = page.canvas()
     pick_option(page, "#section", "z")
     page.evaluate("document.getElementById('cut').focus()")
-    page.key("Home")
-    settle(page)
+    slide(page, "Home")
+    assert page.evaluate("Number(document.getElementById('cut').value)") == pytest.approx(0.0, abs=1e-6)
     assert (np.abs(page.canvas().astype(int) - whole).max(axis=2) > 20).mean() > 0.01
     assert page.text("#cut-at").startswith("z = ")
     mouse(page, (place[0] + 1, place[1]))
     page.wait_for("document.getElementById('hover').hidden")
-    page.key("End")
+    slide(page, "End")
+    assert page.evaluate("Number(document.getElementById('cut').value)") == pytest.approx(1.0, abs=1e-3)
     mouse(page, place)
     page.wait_for(f"document.getElementById('hover').textContent === {HOSTILE[1]!r}".replace("\\u202e", "\u202e"))
 

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from dataclasses import replace
 from enum import Enum
 from operator import attrgetter
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
+from pinproof.cell.pages import write_comparison_page
 from pinproof.common import structs as st
 from pinproof.common.files import csv_text, figure
 from pinproof.common.results import Rows, Saved, View, Written
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks import PickReport, PickStatus, PickVerdict
+
+VIEWER = "{{the viewer of both pages}}"
+"""What the pages of both set-ups contain instead of their viewer, until they are opened."""
 
 
 class PickChange(Enum):
@@ -102,6 +110,8 @@ class CellComparison(Saved, Written):
     differences: tuple[PickDifference, ...] = st.key("the picks, in the order of the first report", name="picks")
     least: float = st.key("the smallest difference that counts as faster or slower", "s", hidden=True)
 
+    formats = (".json", ".csv", ".md", ".html")
+
     def of(self, change: PickChange) -> tuple[PickDifference, ...]:
         """The picks with one kind of change."""
         return tuple(pick for pick in self.differences if pick.change is change)
@@ -151,14 +161,34 @@ class CellComparison(Saved, Written):
         both = sum(pick.gained is not None for pick in self.differences)
         return f"{counts}; {both} good in both take {before:.3f} s before and {after:.3f} s after{share}"
 
-    def _view(self) -> View:
+    def _table(self) -> Rows:
         rows = (
             (pick.name, pick.change.value, *("" if s is None else f"{s:.3f}" for s in pick.seconds), pick.reason)
             for pick in self.differences
         )
-        count = len(self.differences)
-        table = Rows(("pick", "change", "before [s]", "after [s]", "reason"), rows, count)
-        return View(self.summary, [table], (f"{pick.name}: {pick.change.value}" for pick in self.differences), count)
+        return Rows(("pick", "change", "before [s]", "after [s]", "reason"), rows, len(self.differences))
+
+    def _view(self) -> View:
+        lines = (f"{pick.name}: {pick.change.value}" for pick in self.differences)
+        return View(self.summary, [self._table()], lines, len(self.differences))
+
+    def _write_page(self, path: str | Path) -> None:
+        """Write both reports side by side, with one slider, one camera and one table; errors as for a report."""
+        with TemporaryDirectory() as folder:
+            texts = []
+            for report in (self.before, self.after):
+                report.save(Path(folder) / "page.html")
+                texts.append((Path(folder) / "page.html").read_text(encoding="utf-8"))
+        # Both pages contain the same viewer, which is stored once
+        viewer = max(re.findall(r"<script>(.*?)</script>", texts[0], re.DOTALL), key=len)
+        content = {
+            "names": [pick.name for pick in self.differences],
+            "viewer": {"mark": VIEWER, "script": viewer},
+            "titles": ("Before", "After"),
+            "pages": [text.replace(viewer, VIEWER, 1) for text in texts],
+        }
+        title = f"Comparison of {self.before.robot}"
+        write_comparison_page(path, title, self.summary, self._table().html(sys.maxsize), content)
 
     def to_csv(self) -> str:
         """One row for each pick."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,9 @@ LAST = 1e-3
 
 FRAMED = 200
 """Number of poses of the arm that the camera frames."""
+
+BASE_AXIS = 0.25
+"""Metres: length of the axes of the base that are drawn with a heat map."""
 
 COLUMNS = ("#", "Pick", "Start", "Duration", "Clearance", "Limited by")
 
@@ -85,6 +89,10 @@ def write_cell_page(
     commands = viewer.stage_commands(stage, viewer.Film(np.zeros(1), shown.poses[:1], shown.tcps[:1]), view)
     if heat_map is not None:
         heat_map.draw(commands)
+        # The base from which the placements of the map are read
+        for axis, colour in enumerate(theme.AXES):
+            ends = np.array([np.zeros(3), BASE_AXIS * np.eye(3)[axis]])
+            commands.set_lines(f"/base/{axis}", ends, (*theme.rgb(colour), 1.0), depthTest=False, linewidth=3)
     places = {thing.name: viewer.node_path("scene", thing.name) for thing in stage.obstacles}
     rest = max(duration - float(shown.times[-1]), LAST)
     commands.set_animation(viewer.tracks(commands, stage, shown, places, rest=rest))
@@ -118,6 +126,21 @@ def write_cell_page(
         colours=() if heat_map is None else heat_map.legend,
     )
     viewer.panels.write_page(path, text)
+
+
+def write_comparison_page(path: str | Path, title: str, summary: str, table: str, content: Mapping[str, Any]) -> None:
+    """Write the page of two set-ups; ``table`` is HTML, and ``content`` what ``comparison.js`` reads."""
+    values = {
+        "policy": viewer.panels.POLICY.format(connect="'none'"),
+        "title": escape(title),
+        "summary": escape(summary),
+        "style": theme.css() + viewer.panels.part("page.css"),
+        "table": table,
+        "pages": viewer.panels.script_json(content),
+        "script": viewer.panels.part("comparison.js", __package__),
+    }
+    shell = viewer.panels.part("comparison.html", __package__)
+    viewer.panels.write_page(path, re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], shell))
 
 
 def read_heat_map(path: str | Path, root_from_cell: SE3 | None = None) -> viewer.ColouredPoints:

@@ -395,7 +395,9 @@ def cell_compare(
     ),
     *,
     least: float = option("The smallest difference of durations (s) that is reported.", 0.01, min=0.0),
-    output: Path | None = option("The comparison (.json, .csv, .md).", None, "-o", "--output"),
+    output: Path | None = option(
+        "The comparison (.json, .csv, .md), or both set-ups side by side (.html).", None, "-o", "--output"
+    ),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,

@@ -20,7 +20,8 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, html_list
 from pinproof.common.structs import described, key
 from pinproof.errors import FileError, ViewerError
-from pinproof.viewer.wire import Commands, script_json
+from pinproof.viewer.wire import Commands
+from pinproof.viewer.wire import script_json as script_json
 
 # The page runs only the scripts that it contains; the browser blocks every network request.
 POLICY = (

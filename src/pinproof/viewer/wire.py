@@ -97,11 +97,11 @@ class Commands:
         }
         self.set_object(path, "Mesh", {"geometry": geometry, "material": look})
 
-    def set_lines(self, path: str, segments: Array, rgba: tuple[float, ...]) -> None:
+    def set_lines(self, path: str, segments: Array, rgba: tuple[float, ...], **material: Any) -> None:
         """Draw separate segments, each between two neighbouring rows of ``segments`` (2N, 3)."""
         r, g, b = (round(255 * c) for c in rgba[:3])
         look = {"type": "LineBasicMaterial", "color": r << 16 | g << 8 | b, "opacity": rgba[3], "transparent": True}
-        self._set_vertices(path, "LineSegments", look, position=segments)
+        self._set_vertices(path, "LineSegments", {**look, **material}, position=segments)
 
     def set_points(self, path: str, points: Array, rgb: Array, size: float) -> None:
         """Draw ``points`` (N, 3) in their colours ``rgb`` (N, 3), as squares of ``size`` metres."""

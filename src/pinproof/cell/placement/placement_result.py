@@ -283,13 +283,25 @@ class PlacementResult(Answer, Saved, Written):
                             placement.x, placement.y, "*" if star else "o", color=RED if star else WHITE,
                             markeredgecolor=INK, markersize=15 if star else 6, clip_on=False, zorder=3 if star else 2,
                         )  # fmt: skip
+                # The searched region, and the axes of the base at the best placement of this choice
+                corners = x[[0, -1, -1, 0, 0]], y[[0, 0, -1, -1, 0]]
+                panel.fill(*corners, color=GREY, zorder=0)
+                panel.plot(*corners, "--", color=INK, linewidth=1)
+                length = AXIS_SHARE * max(x[-1] - x[0], y[-1] - y[0])
+                for placement in [own for own in judged if own.choice == name][:1]:
+                    cosine, sine = np.cos(placement.yaw), np.sin(placement.yaw)
+                    panel.quiver(
+                        [placement.x] * 2, [placement.y] * 2, [cosine, -sine], [sine, cosine], color=theme.AXES[:2],
+                        angles="xy", scale_units="xy", scale=1.0 / length, width=0.012, zorder=4, clip_on=False,
+                    )  # fmt: skip
                 panel.set(
-                    xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), aspect="equal", facecolor=GREY,
+                    xlim=(x[0] - length, x[-1] + length), ylim=(y[0] - length, y[-1] + length), aspect="equal",
                     xlabel="x of the base [m]", ylabel="y of the base [m]",
                 )  # fmt: skip
                 panel.set_title(name or "best over z and yaw", fontsize=10)
         legend = "star, best certified; " if self.ok else ""
         legend += "circle, judged; " if len(judged) > self.ok else ""
+        legend += "red and green, x and y of the base there; dashed, the region; " if judged else "dashed, the region; "
         figure.suptitle(f"Placements of the base: {legend}grey, no placement", fontsize=11)
         out = io.BytesIO()
         figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
@@ -304,6 +316,9 @@ class PlacementResult(Answer, Saved, Written):
 def _length(axis: str, value: float) -> str:
     return f"{np.degrees(value):.2f} deg" if axis == "yaw" else f"{value * 1e3:.1f} mm"
 
+
+AXIS_SHARE = 0.15
+"""Length of the axes of the base in the heat map, as a fraction of the region, which has such a margin."""
 
 RED, GREY, WHITE, INK = (theme.COLOURS[name] for name in ("bad", "line", "paper", "ink"))
 

@@ -1,6 +1,7 @@
 """Motions along tool paths: audited independently, optimal, and the reasons where no motion exists."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -218,6 +219,15 @@ def test_the_motion_begins_at_a_given_configuration(ur5, free):
     assert refused.blocked[0].obstruction is Obstruction.CONTACT
 
 
+def test_a_motion_that_avoids_the_start_of_another_starts_in_another_branch(free):
+    path, starts = ToolPath.through(LINE, UP, speed=0.1), []
+    for _ in range(3):
+        plan = pp.follow(free, path, avoid=np.reshape(starts, (-1, 6))).or_raise()
+        apart = [np.abs((plan.trajectory.start - start + np.pi) % (2 * np.pi) - np.pi).max() for start in starts]
+        assert min(apart, default=1.0) > 0.9
+        starts.append(plan.trajectory.start)
+
+
 def test_the_windings_of_a_given_start_are_kept(ur5, free):
     for winding in (0.0, -2 * np.pi):
         start = pp.AnalyticIk().solve_all(ur5, pp.pose((0.45, -0.3, 0.3), (np.pi, 0, 0))).q[0].copy()
@@ -361,3 +371,34 @@ def test_an_arm_on_a_rail_follows_a_path_longer_than_its_reach():
     plan = pp.follow(pp.CollisionChecker(arm), path, rotations=6, redundant=12, step=0.1).or_raise()
     assert wrong(plan, CHECKED) == []
     assert np.ptp(plan.pieces[0].q[:, 0]) > 0.8
+
+
+FIVE = """<link name="burner"/><joint name="burner" type="fixed"><parent link="wrist_2_link"/><child link="burner"/>
+<origin xyz="0 0.05 0.15" rpy="0.4 0.9 0"/></joint></robot>"""
+
+
+@pytest.fixture(scope="module")
+def five():
+    """A UR5 whose tool is on the fifth link, so that each pose of its axis has one rotation in each branch."""
+    robot = pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", FIVE))
+    return pp.CollisionChecker(robot.arm("burner"))
+
+
+def turned_path(arm, count=9):
+    """A path that the arm can follow, whose poses are rotated about the axis of the tool."""
+    shares = np.linspace(0.0, 1.0, count)[:, None]
+    q = np.array([0.2, -1.4, 1.7, -1.0, -0.9]) + shares * np.array([0.4, 0.15, -0.2, 0.1, 0.3])
+    turns = [pp.pose((0, 0, 0), (0, 0, angle)).homogeneous for angle in np.linspace(0.3, 2.0, count)]
+    return ToolPath(arm.forward_kinematics_batch(q) @ np.array(turns), 0.1)
+
+
+def test_an_arm_that_cannot_choose_the_rotation_of_the_tool_finds_the_one_of_each_branch(five):
+    path = turned_path(five.arm)
+    plan = pp.follow(five, path).or_raise()
+    assert wrong(plan, CHECKED) == []
+    # All solutions are known, so that poses out of reach are proven to be at any rotation
+    far = pp.follow(five, replace(path, poses=pp.pose((0, 0, 1.0)).homogeneous @ path.poses))
+    assert far.blocked[0].proven
+    assert "at all rotations" in far.message
+    assert pp.follow(five, path, free_rotation=(-2.05, -0.25)).ok
+    assert not pp.follow(five, path, free_rotation=(-0.1, 0.2)).ok

@@ -9,7 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.motion import Bounds, least_times
-from pinproof.tool_paths import FollowStatus, Stroke, ToolPath, follow_all
+from pinproof.tool_paths import FollowStatus, Stroke, ToolPath, follow_all, ordering
 
 UP = (0.0, 0.0, 1.0)
 SETTINGS = {"approach": 0.03, "rotations": 12}
@@ -153,3 +153,22 @@ def test_unusable_strokes_and_options_are_refused(checker, change, words):
     strokes = change.pop("strokes", [line("a", (0.45, 0.2, 0.25), (0.5, 0.2, 0.25))])
     with pytest.raises(pp.InputError, match=words):
         follow_all(checker, strokes, **change)
+
+
+def test_strokes_whose_transits_fail_are_followed_from_other_configurations(checker, monkeypatch):
+    (stroke,) = random_strokes(np.random.default_rng(0), 1)
+    usual = follow_all(checker, [stroke], home=checker.arm.home, **SETTINGS).or_raise()
+    starts = [step.plan.trajectory.start for step in usual.steps]
+    starts += [pp.follow(checker, stroke.variant(reverse=True).path, **SETTINGS).trajectory.start]
+
+    def no_way_to_the_usual_ones(checker, begin, end, **settings):
+        refused = any(np.abs(np.asarray(end) - start).max() < 1e-6 for start in starts)
+        scene = [pp.Obstacle("block", pp.Box(2.0, 2.0, 2.0))] if refused else []
+        return pp.plan(checker.with_scene(pp.Scene([*checker.scene.obstacles, *scene])), begin, end, **settings)
+
+    monkeypatch.setattr(ordering, "plan", no_way_to_the_usual_ones)
+    other = follow_all(checker, [stroke], home=checker.arm.home, **SETTINGS).or_raise()
+    (step,) = other.steps
+    apart = [np.abs((step.plan.trajectory.start - start + np.pi) % (2 * np.pi) - np.pi).max() for start in starts]
+    assert min(apart) > 0.9
+    assert other.certificate.matches(other.trajectory, checker.arm, checker.scene)

@@ -7,11 +7,13 @@
 //     time * max(least, max_j r_j) + travel * sum_j r_j + effort * sum_j r_j^2 / duration,     r_j = |dq_j| / speed_j
 //
 // with the seconds r_j that joint j takes at full speed. Dynamic programming over the rungs finds the optimum over all
-// sequences. Only configurations within reach in one joint, which excludes the most, are compared in the others.
+// sequences. Only configurations within reach in two joints, those that exclude the most, are compared in the others, and
+// only if the cost up to them does not exceed one that is known.
 //
 // Source: S. Edwards, J. Meyer (2014), "Descartes: a path planning library for semi-constrained trajectories", ROSCon.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -60,7 +62,9 @@ public:
 private:
     std::size_t key(std::size_t node, std::size_t next) const { return node * size() + next; }
     double step(const double* from, const double* to, std::size_t joint) const;
-    std::size_t sharpest(std::size_t rung, std::span<const std::size_t> nodes) const;
+    std::array<std::size_t, 2> sharpest(std::size_t rung, std::span<const std::size_t> nodes) const;
+    double wrapped(std::size_t node, std::size_t joint) const;
+    std::array<std::array<double, 2>, 2> windows(double value, double reach, double period) const;
 
     LadderGraph graph_;
     std::unordered_set<std::size_t> removed_;

@@ -85,15 +85,14 @@ def follow(
         raise InputError("--workers and --dask are for --campaign; add --campaign FOLDER")
     arm, scene, job = cell.open_job(file)
     job = replace(job, lifts=job.lifts if lifts is None else lifts)
-    arm = job.at_tip(arm)
+    group = job.with_part(job.at_tip(arm))
     if out.export is not None:
-        pp.picks.check_export(arm, job.settings, out.export)
-        pp.tool_paths.require_language(arm, out.export)
+        pp.picks.check_export(pp.tool_paths.require_language(group, out.export), job.settings, out.export)
     kinds = pp.tool_paths.FollowReport.formats
     is_folder = out.check_outputs(kinds, [file, *cell.files], "--process-output", out.process_output)
     check_output_files([out.save, html], [file, *cell.files])
     folder = out.output if is_folder else None
-    checker = job.load_checker(arm, scene)
+    checker = job.load_checker(group, scene)
     for contact in checker.fixed_contacts:
         print_note(f"every configuration is in collision: {contact}")
     # Other work than following all paths by one motion

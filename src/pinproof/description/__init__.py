@@ -24,9 +24,11 @@ from pinproof.description.cell import (
     Axis as Axis,
     cell_srdf as cell_srdf,
     cell_urdf as cell_urdf,
+    rerooted as rerooted,
     urdf_with_axes as urdf_with_axes,
     with_frame as with_frame,
     with_movable_base as with_movable_base,
+    with_spin as with_spin,
 )
 from pinproof.description.dh import (
     CONVENTIONS as CONVENTIONS,

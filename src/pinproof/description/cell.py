@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pinproof.description.srdf import DisabledPair, EndEffector, GroupState, Srdf, SrdfGroup
-from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, urdf_of
+from pinproof.description.urdf import JointType, LinkGeometry, Urdf, UrdfJoint, origin, urdf_of
 from pinproof.description.xml_reader import add_joint, numbers_text, origin_attributes, parse_text
 from pinproof.errors import InputError
 from pinproof.spatial import Array
@@ -177,6 +177,51 @@ def with_frame(urdf: Urdf, name: str, parent: str, placement: Array) -> Urdf:
     return _extended(urdf, [name], [_AddedJoint(joint, placement)])
 
 
+def with_spin(urdf: Urdf, name: str, parent: str) -> Urdf:
+    """Return a description with a link that rotates about the z axis of another one without limits.
+
+    Raises
+    ------
+    InputError
+        If the robot already has a link or a joint of this name.
+    """
+    joint = _unlimited(f"{name} (joint)", "continuous", parent, name)
+    return _extended(urdf, [name], [_AddedJoint(joint, np.eye(4), np.eye(3)[2])])
+
+
+def rerooted(urdf: Urdf, root: str) -> Urdf:
+    """Return the kinematics of a robot, without bodies, with another link as the root; joints keep names and values.
+
+    The joints from the old root to the new one connect their links in the opposite order. The inverse of the motion of
+    a joint is that about, or along, the opposite axis.
+    """
+    from lxml import etree
+
+    robot = parse_text(urdf.text, urdf.name)
+    for link in robot.findall("link"):
+        for part in list(link):
+            link.remove(part)
+    elements = {str(each.get("name")).strip(): each for each in robot.findall("joint")}
+    while (joint := urdf.parent_joint(root)) is not None:
+        element, placement = elements[joint.name], np.eye(4)
+        placement[:3, :3], placement[:3, 3] = origin(element, urdf.name)
+        for part in element.findall("origin"):
+            element.remove(part)
+        element.find("parent").set("link", joint.child)
+        fixed = element
+        if joint.type != "fixed":  # a link at the joint, behind it, and the old parent fixed to that
+            at_joint, axis = f"{joint.name} (reversed)", element.find("axis")
+            axis = etree.SubElement(element, "axis", xyz="1 0 0") if axis is None else axis
+            axis.set("xyz", numbers_text(-np.array([float(part) for part in str(axis.get("xyz")).split()])))
+            etree.SubElement(robot, "link", name=at_joint)
+            element.find("child").set("link", at_joint)
+            fixed = add_joint(robot, f"{joint.name} (mount)", "fixed", at_joint, joint.parent)
+        fixed.find("child").set("link", joint.parent)
+        etree.SubElement(fixed, "origin", origin_attributes(np.asarray(np.linalg.inv(placement))))
+        root = joint.parent
+    return urdf_of(robot, f"{urdf.name} as seen from another link", None)
+
+
 def _unlimited(name: str, kind: JointType, parent: str, child: str) -> UrdfJoint:
     return UrdfJoint(name, kind, parent, child, None, None, None, None)
 
@@ -195,10 +240,10 @@ def _extended(urdf: Urdf, links: Sequence[str], added: Sequence[_AddedJoint]) ->
         robot = etree.fromstring(text)
         for link in links:
             etree.SubElement(robot, "link", name=link)
-        for joint, origin, axis in added:
+        for joint, place, axis in added:
             kind = kinds.get(joint.type, joint.type)
             element = add_joint(robot, names.get(joint.name, joint.name), kind, joint.parent, joint.child)
-            etree.SubElement(element, "origin", origin_attributes(origin))
+            etree.SubElement(element, "origin", origin_attributes(place))
             if axis is not None:
                 etree.SubElement(element, "axis", xyz=numbers_text(axis))
                 lower, upper = (

@@ -25,13 +25,23 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Identified, Rows, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import ReadOnlyDict, require_type
-from pinproof.description import GENERATED_BODIES, Calibration, Srdf, Urdf, UrdfJoint, has_generated_bodies, notes
+from pinproof.description import (
+    GENERATED_BODIES,
+    Calibration,
+    Srdf,
+    Urdf,
+    UrdfJoint,
+    has_generated_bodies,
+    notes,
+    rerooted,
+)
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
     LimitsLike,
     affine,
     base_of,
+    chain_of,
     check_count,
     chosen_limits,
     compiled_chain,
@@ -265,6 +275,38 @@ class JointGroup(Identified):
     def root_from_frame(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
         """Compute the pose of any link of the robot in the frame of the root link at the configuration q (n,)."""
         return self._root_from(self.configuration(q), self._frame_id(frame))
+
+    def seen_from(self, frame: str, arm: str | None = None) -> Arm:
+        """Return an :class:`Arm` of the same joints with poses of a tcp in the frame of any link, which may move too.
+
+        An example is the torch of a robot seen from the plate of a turntable. The joints from the link to its common
+        ancestor with the tcp come first in the chain, in reverse; their values and the order of q are those of the
+        group.
+
+        Parameters
+        ----------
+        frame
+            The link.
+        arm
+            The arm whose tcp it is; None for the only arm.
+
+        Raises
+        ------
+        UnknownNameError
+            If the link or the arm does not exist.
+        InputError
+            If a joint of the group does not move the tcp relative to the link.
+        """
+        tcp = self.tcp_of(arm)
+        robot = Robot(rerooted(self.robot.urdf, known_frame(self.robot.urdf, frame)), Srdf(), home=self.robot.home)
+        chain = chain_of(robot.urdf, self.joint_names)
+        moving = moving_joints(robot.urdf, frame, tcp)
+        if still := [name for name in self.joint_names if name not in moving]:
+            raise InputError(
+                f"the joints {', '.join(still)} do not move {tcp!r} relative to {frame!r}; select a joint group "
+                "without them, which holds them"
+            )
+        return Arm(robot, frame, tcp, chain, self.limits, self.held)
 
     @cached_property
     def _home(self) -> Array:

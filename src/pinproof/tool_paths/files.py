@@ -5,20 +5,21 @@ docs/formats/tool_paths.md describes them. The keys of robot, scene and tool are
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pinproof.collision import CollisionChecker, Scene
+from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common import structs as st
 from pinproof.common.files import read_yaml, unknown_suffix
 from pinproof.common.results import Rows, Shown, View
-from pinproof.description import MESH_SUFFIXES, with_frame
+from pinproof.description import MESH_SUFFIXES, moved_by, with_frame
 from pinproof.errors import InputError, ToolPathError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup, JointLimits
 from pinproof.picks import SETTINGS, Picks, checker_of_picks, read_settings, root_from_frame
 from pinproof.spatial import SE3
 from pinproof.tool_paths.geometry import Contour, Raster, paths_on
@@ -94,6 +95,9 @@ class StrokeSource(PathPoints):
         return strokes_of(name, stated, speed, reversible=self.reversible, closed=self.closed)
 
 
+VALUES = st.mapping_to(st.list_of(st.NUMBER, 1))
+"""Values of joints by name."""
+
 # -- jobs -------------------------------------------------------------------------------------------------------------
 
 
@@ -116,8 +120,13 @@ class ToolJob(Shown):
     )
     source: Path | None = st.key("the file it was read from", default=None, hidden=True)
     frame: str = st.key(
-        "the frame of the paths: one of `frames`, an obstacle, or a link that does not move; by default the root link",
+        "the frame of the paths: one of `frames`, an obstacle, or a link; by default the root link. Joints between the "
+        "root link and this link, such as those of a turntable, move with the arm, except for those in `held`",
         default="", kind=st.ANY_TEXT, shown="",
+    )  # fmt: skip
+    part: tuple[Obstacle, ...] = st.key(
+        "bodies that are fixed to a `frame` that moves, such as the part on a turntable; poses are in this frame",
+        default=(), kind=st.list_of(st.table_of(Obstacle), named="body"),
     )  # fmt: skip
     speed: float | None = st.key(
         "speed of the tool where a path states none; by default as fast as the joints permit", "m/s", default=None,
@@ -131,7 +140,14 @@ class ToolJob(Shown):
     tilts: int = st.key(
         "number of directions in which the grid tilts the tool by half of `rotation_deviation`", default=0, minimum=0
     )
-    redundant: int | None = st.key("number of values of redundant joints on the grid", default=None, minimum=2)
+    redundant: int | dict[str, tuple[float, ...]] | None = st.key(
+        "number of values on the grid of redundant joints and of those that move `frame`, or their values by name",
+        "rad or m", default=None,
+        kind=st.any_of(
+            st.integer(2), VALUES,
+            check=lambda name, value: (VALUES if isinstance(value, Mapping) else st.integer(2)).check(name, value),
+        ),
+    )  # fmt: skip
     deviation: float = st.key("allowed distance of the tool from the path", "m", default=1e-3, above=0)
     rotation_deviation: float = st.key(
         "allowed angle of the tool, or of its axis if its rotation is free, to the path", "rad",
@@ -164,17 +180,35 @@ class ToolJob(Shown):
     @property
     def options(self) -> dict[str, Any]:
         """The keyword arguments of :func:`pinproof.follow` that the job states."""
-        return {name: getattr(self, name) for name in OPTIONS}
+        moving = {} if self.carrier is None else {"frame": self.carrier[0], "arm": "tool"}
+        return {name: getattr(self, name) for name in OPTIONS} | moving
 
-    def load_arm(self) -> Arm:
+    @cached_property
+    def carrier(self) -> tuple[str, SE3] | None:
+        """The link that carries the paths, if joints outside the arm move it, and the pose of their frame in it."""
+        placement, name = SE3.Identity(), self.frame
+        for _ in self.settings.frames:  # a cycle is an error of the transform
+            if name in self.settings.frames:
+                frame = self.settings.frames[name]
+                placement, name = frame.pose * placement, frame.frame
+        if name in ("", *self.settings.frames, *self.load_scene()):
+            return None
+        arm = self.settings.load_arm()
+        moving = {joint: 0.0 for joint in arm.held if joint not in self.settings.held}
+        return (name, placement) if name in arm.robot.urdf.links and moved_by(arm.robot.urdf, name, moving) else None
+
+    def load_arm(self) -> JointGroup:
         """Load the arm that the file states, with its limits and held joints; its tcp is the tip of the tool.
+
+        If joints outside the arm move the frame of the paths, it is a joint group of the arm ``"tool"`` and of those
+        joints, ``"part"``.
 
         Raises
         ------
         InputError, PicksError
-            As :meth:`pinproof.picks.Tool.load_arm`.
+            As :meth:`pinproof.picks.Tool.load_arm`, and :meth:`pinproof.Robot.arms` if the part moves.
         """
-        return self.at_tip(self.settings.load_arm())
+        return self.with_part(self.at_tip(self.settings.load_arm()))
 
     def at_tip(self, arm: Arm) -> Arm:
         """An arm with the tip of the tool as its tcp."""
@@ -183,11 +217,19 @@ class ToolJob(Shown):
         urdf = with_frame(arm.robot.urdf, TIP, arm.tcp, self.settings.tip.homogeneous)
         return replace(arm.robot, urdf=urdf).arm(TIP, base=arm.base, limits=arm.limits, held=arm.held)
 
+    def with_part(self, arm: Arm) -> JointGroup:
+        """An arm and the joints outside it that move the frame of the paths; the arm itself if there are none."""
+        if self.carrier is None:
+            return arm
+        limits = None if self.settings.limits is None else JointLimits.load(self.settings.limits)
+        names = {"tool": arm.tcp, "part": self.carrier[0]}
+        return arm.robot.arms(names, limits=limits, held=self.settings.held)
+
     def load_scene(self) -> Scene:
         """Load the scene that the file states; an empty one if it states none."""
         return self.settings.load_scene()
 
-    def load_checker(self, arm: Arm | None = None, scene: Scene | None = None) -> CollisionChecker:
+    def load_checker(self, arm: JointGroup | None = None, scene: Scene | None = None) -> CollisionChecker:
         """The arm in its scene with the tool attached, by default as :meth:`load_arm` and :meth:`load_scene` load them.
 
         Raises
@@ -198,18 +240,29 @@ class ToolJob(Shown):
             If a file cannot be read.
         """
         arm, scene = arm or self.load_arm(), scene or self.load_scene()
-        tip = self.settings.tip.inverse() if arm.tcp == TIP else SE3.Identity()
-        tool = [replace(body, pose=tip * body.pose) for body in self.settings.tool]
+        moving = self.carrier
+        tip = self.settings.tip.inverse() if TIP in arm.robot.urdf.links else SE3.Identity()
+        own = None if moving is None else "tool"
+        tool = [replace(body, pose=tip * body.pose, arm=own) for body in self.settings.tool]
+        if moving is not None:
+            tool += [replace(body, pose=moving[1] * body.pose, arm="part") for body in self.part]
+        elif self.part:
+            raise InputError("part has bodies that move with the frame of the paths, but no joint moves this frame")
         return checker_of_picks(arm, scene, replace(self.settings, tool=tool))
 
     def base_from_frame(self, checker: CollisionChecker) -> SE3:
-        """The pose of the frame of the paths in the base frame of the arm."""
+        """The pose of the frame of the paths in the base frame of the arm, or in the link that carries them."""
+        if self.carrier is not None:
+            return self.carrier[1]
         arm = checker.arm
         root_from_paths = root_from_frame(self.frame, self.settings.frames, checker.scene, arm)
         return arm.root_from_base.inverse() * root_from_paths
 
     def placed(self, checker: CollisionChecker) -> tuple[Stroke, ...]:
-        """The strokes in the base frame of the arm, as :func:`pinproof.follow` takes their paths."""
+        """The strokes as :func:`pinproof.follow` takes their paths with :attr:`options`.
+
+        They are in the base frame of the arm, or in the frame of the link that carries them if joints move it.
+        """
         placement = self.base_from_frame(checker)
         return tuple(stroke.transformed(placement) for stroke in self.strokes)
 

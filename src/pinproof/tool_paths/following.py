@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -16,13 +16,13 @@ from pinproof.collision import CollisionChecker, certify
 from pinproof.common.validation import require_integer, require_number, require_positive, require_type
 from pinproof.errors import InputError, NoClosedForm, TimingError
 from pinproof.motion import Trajectory, time_parametrise
-from pinproof.planning import MotionPlan, plan, plan_linear
-from pinproof.spatial import SE3, Array, pose, rotation_about
+from pinproof.planning import LinearStatus, MotionPlan, Route, RouteFollower, plan
+from pinproof.spatial import SE3, Array, finite, pose, rotation_about
 from pinproof.tool_paths.curves import image_deviation
 from pinproof.tool_paths.path import LONGEST_LINE, ToolPath
 from pinproof.tool_paths.reasons import place_name
 from pinproof.tool_paths.result import SHOWN, FollowPlan, FollowStatus, PathPiece
-from pinproof.tool_paths.rungs import COSTS, FollowCosts, Grid, LadderSettings, redundant_axes
+from pinproof.tool_paths.rungs import COSTS, REDUNDANT, FollowCosts, Grid, LadderSettings, PathArm, redundant_axes
 from pinproof.tool_paths.search import FollowedPiece, Search
 from pinproof.tool_paths.timing import TimedPath, timed_along
 
@@ -44,16 +44,19 @@ def follow(
     checker: CollisionChecker,
     path: ToolPath | npt.ArrayLike | Sequence[SE3],
     *,
+    frame: str | None = None,
+    arm: str | None = None,
     free_rotation: bool | tuple[float, float] = True,
     rotations: int = 24,
     tilts: int = 0,
-    redundant: int | None = None,
+    redundant: int | Mapping[str, npt.ArrayLike] | None = None,
     deviation: float = 1e-3,
     rotation_deviation: float = math.radians(1.0),
     speed_tolerance: float | None = None,
     approach: float = 0.0,
     departure: float | None = None,
     start: npt.ArrayLike | None = None,
+    avoid: npt.ArrayLike | None = None,
     lifts: int = 0,
     cost: FollowCosts | Literal["balanced", "time", "travel", "limits", "singularity", "clearance"] = "balanced",
     step: float = 0.02,
@@ -73,6 +76,12 @@ def follow(
         The arm in its scene, with its tool.
     path
         The path, or its poses ``base_from_tcp``. The z axis of the tcp is the axis of the tool.
+    frame
+        The link in whose frame the path is stated, by default the base of the arm. It may move: then the checker is one
+        of a :class:`JointGroup` with the joints that move it, such as those of a turntable or of a second arm, and the
+        motion is one of all these joints. Deviation and speed of the tool are those relative to the link.
+    arm
+        The arm of a joint group that holds the tool, by default the first one.
     free_rotation
         Whether the tool may rotate about its axis, or the range (rad) of its rotation away from the pose of the path.
     rotations
@@ -80,8 +89,9 @@ def follow(
     tilts
         Number of directions in which the grid tilts the tool by half of ``rotation_deviation``, in addition to none.
     redundant
-        Number of values of the redundant joint of an arm of seven joints, such as a rail, and of both of an arm of
-        eight; by default 24, and 72 for an arm of seven if the rotation is not free.
+        Number of values of the redundant joint of an arm of seven joints, such as a rail, of both of an arm of eight,
+        and of each joint that moves ``frame``; by default 24, and 72 for an arm of seven if the rotation is not free.
+        Or the values of these joints by name, and 24 of the others.
     deviation, rotation_deviation
         Allowed distance (m) of the tool from the path and angle (rad) from its orientation, at every instant. If the
         rotation is free, the angle is that of the tool axis, and a range of the rotation is kept to the same angle.
@@ -95,6 +105,9 @@ def follow(
         departure is as long as the approach.
     start
         (n,) the configuration from which a straight line leads to the first pose, instead of an approach.
+    avoid
+        (k, n) configurations, such as the starts of other motions along the path: the motion does not start within
+        1 rad and 0.1 m of one of them in every joint, multiples of a revolution apart.
     lifts
         Largest number of lifts of the tool, with motions planned to where it continues, if the path cannot be followed
         in one piece.
@@ -126,10 +139,12 @@ def follow(
     """
     require_type("checker", checker, CollisionChecker)
     given = path if isinstance(path, ToolPath) else ToolPath(path)
-    redundant = (72 if free_rotation is False and checker.arm.dof == 7 else 24) if redundant is None else redundant
+    path_arm = PathArm.of(checker.group, frame, arm)
+    if redundant is None:
+        redundant = 72 if free_rotation is False and path_arm.arm.dof == 7 else REDUNDANT
     for name, value, least in (
-        ("rotations", rotations, 1), ("tilts", tilts, 0), ("redundant", redundant, 2), ("lifts", lifts, 0),
-        ("budget", budget, 0),
+        ("rotations", rotations, 1), ("tilts", tilts, 0), ("lifts", lifts, 0), ("budget", budget, 0),
+        ("redundant", 2 if isinstance(redundant, Mapping) else redundant, 2),
     ):  # fmt: skip
         require_integer(name, value, least)
     for name, length in (("step", step), ("angle_step", angle_step)):
@@ -147,8 +162,8 @@ def follow(
             raise InputError(f"cost is {cost!r}; it must be FollowCosts, or one of {', '.join(COSTS)}")
         cost = COSTS[cost]
     require_type("cost", cost, FollowCosts)
-    arm, spin = checker.arm, None
-    image, image_rotation = image_deviation(arm)
+    own, spin = path_arm.arm, None
+    image, image_rotation = image_deviation(own)
     if not deviation > 2.0 * image or not rotation_deviation > 2.0 * image_rotation:
         raise InputError(
             f"deviation = {deviation:g} m and rotation_deviation = {rotation_deviation:g} rad must be above "
@@ -171,30 +186,34 @@ def follow(
             (low, high),
             np.linspace(low, high, rotations) if rotations > 1 else np.array([0.5 * (low + high)]),
         )
+    path_arm = path_arm if free_rotation is False else path_arm.with_spin(spin)
+    angles = angles if path_arm.spun is None else np.zeros(1)
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
-    joints, axes, values = tuple[int, ...](), list[Array](), None
+    joints, axes, values, external = tuple[int, ...](), list[Array](), None, None
     with contextlib.suppress(NoClosedForm):
-        joints, axes, values = redundant_axes(arm, redundant)
-    grid = Grid(angles, np.array([np.eye(3), *leans]), values)
+        joints, axes, values, external = redundant_axes(path_arm, redundant)
+    grid = Grid(angles, np.array([np.eye(3), *leans]), values, external, path_arm.spun is not None)
     # The least time of a step: the slowest joint makes a step of the grid
-    speed = np.where(np.isfinite(arm.limits.velocity), arm.limits.velocity, 1.0)
-    jump = np.where(arm.angular, JUMP, JUMP_METRES)
+    speed = np.where(np.isfinite(own.limits.velocity), own.limits.velocity, 1.0)
+    jump = np.where(own.angular, JUMP, JUMP_METRES)
     finest = 0.0 if len(angles) < 2 else GRID_STEP * float(angles[1] - angles[0])
-    steps = finest / float(speed[arm.angular].min(initial=np.inf))
+    steps = finest / float(speed[own.angular].min(initial=np.inf))
     for joint, axis in zip(joints, axes, strict=True):
-        width = GRID_STEP * float(axis[1] - axis[0])
+        width = GRID_STEP * float(np.diff(axis).max(initial=0.0))
         steps = max(steps, width / float(speed[joint]))
         jump[joint] = max(jump[joint], width)
-        finest = max(finest, width * arm.angular[joint])
-    jump = np.where(arm.angular, np.maximum(jump, finest), jump)
+        finest = max(finest, width * own.angular[joint])
+    jump = np.where(own.angular, np.maximum(jump, finest), jump)
     slowest = SLOWEST if speed_tolerance is None else 1.0 - speed_tolerance
     search = Search(
-        checker=checker, path=given, grid=grid, free=free_rotation is not False, whole=free_rotation is True, spin=spin,
+        checker=checker, path_arm=path_arm, path=given, grid=grid,
+        free=free_rotation is not False, whole=free_rotation is True, spin=spin,
         deviation=(deviation, rotation_deviation), image=(image, image_rotation),
         approach=approach, departure=departure, settings=LadderSettings(cost, steps, slowest, jump, finest),
         spacing=(step, angle_step), budget=budget, rng=rng,
-        start=None if start is None else arm.limits.snap(arm.configuration(start, "start")),
+        avoided=finite("avoid", np.empty((0, own.dof)) if avoid is None else avoid, (None, own.dof)),
+        start=None if start is None else own.limits.snap(own.configuration(start, "start")),
     )  # fmt: skip
     return _result(search, speed_tolerance, lifts)
 
@@ -211,7 +230,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         timed: list[TimedPath | None] = [None, None, None]
         for number, group in enumerate(piece.groups):
             try:
-                timed[number] = timed_along(checker.arm, group, tolerance) if group else None
+                timed[number] = timed_along(search.arm, group, tolerance) if group else None
             except (TimingError, InputError) as error:
                 if not search.stops:  # once more, with stops at sharp corners, whose roundings bend too sharply
                     fresh: dict[str, Any] = {"routes": [], "rungs": [], "extended": [], "refined": 0, "removed": 0}
@@ -222,7 +241,8 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         pieces.append(_piece(search, piece, timed[1]))
     cuts = tuple(piece.first for piece in pieces[1:])
     figures: dict[str, Any] = {
-        "path": path, "pieces": tuple(pieces), "blocked": tuple(blocked), "cuts": cuts, "checker": checker,
+        "path": path, "path_arm": search.path_arm,
+        "pieces": tuple(pieces), "blocked": tuple(blocked), "cuts": cuts, "checker": checker,
         "nodes": sum(len(rung.rates) for rung in search.rungs), "removed": search.removed, "rungs": len(search.rungs),
     }  # fmt: skip
     # Poses that no configuration can pass, more lifts than permitted, or no motion
@@ -246,8 +266,8 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
     motion: list[tuple[str, Trajectory]] = [*parts[0]]
     transits: list[MotionPlan] = []
     for (before, after), rest in zip(pairwise(followed), parts[1:], strict=True):
-        leave = _line(checker, before.course.q[-1], search.departure, away=True)
-        enter = _line(checker, after.course.q[0], search.approach, away=False)
+        leave = _line(search, before.course.q[-1], search.departure, away=True)
+        enter = _line(search, after.course.q[0], search.approach, away=False)
         begin = before.course.q[-1] if leave is None else leave.end
         transit = plan(checker, begin, after.course.q[0] if enter is None else enter.start, rng=search.rng)
         transits.append(transit)
@@ -257,7 +277,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         between = zip((PARTS[2], TRANSIT, PARTS[0]), (leave, transit.trajectory, enter), strict=True)
         motion += [*((name, part) for name, part in between if part is not None), *rest]
     figures |= {"transits": tuple(transits), "motions": tuple(motion)}
-    whole = Trajectory.at_rest(followed[0].course.q[0], checker.arm.joint_names)
+    whole = Trajectory.at_rest(followed[0].course.q[0], search.arm.joint_names)
     if motion:
         whole = Trajectory.join(*(part for _, part in motion))
     certificate = certify(whole, checker)
@@ -293,10 +313,13 @@ def _piece(search: Search, piece: FollowedPiece, timed: TimedPath | None) -> Pat
     )  # fmt: skip
 
 
-def _line(checker: CollisionChecker, q: Array, length: float, *, away: bool) -> Trajectory | None:
+def _line(search: Search, q: Array, length: float, *, away: bool) -> Trajectory | None:
     """A straight motion along the tool axis away from q (n,), or towards it; None if no such motion exists."""
     if length <= 0.0:
         return None
-    arm = checker.arm
-    line = plan_linear(checker, q, arm.forward_kinematics(q) * pose((0.0, 0.0, -length)), least=1.0)
-    return time_parametrise(line.path if away else line.path.reversed(), arm.limits) if line.ok else None
+    here = search.arm.forward_kinematics(q)
+    line = Route.straight(here, here * pose((0.0, 0.0, -length)))
+    followed = RouteFollower(arm=search.arm, least=1.0).follow(line, q)
+    if followed.status is not LinearStatus.COMPLETE or not certify(followed.path, search.checker).free:
+        return None
+    return time_parametrise(followed.path if away else followed.path.reversed(), search.arm.limits)

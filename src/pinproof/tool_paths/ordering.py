@@ -25,6 +25,8 @@ from pinproof.tool_paths.strokes import Stroke
 
 # The node before the first and after the last stroke: home, or nothing.
 HOME = -1
+# Number of times that strokes without a transit are followed from other configurations.
+ALTERNATIVES = 2
 
 
 @described(eq=False)
@@ -110,7 +112,7 @@ def follow_all(
     Every stroke is followed in both directions, if it is reversible, and from several start points, if it is closed.
     The order is chosen by lower bounds of the times of transits; then they are planned, and the certified times replace
     the bounds until the best order consists of certified motions. For up to ten strokes, it is then the optimum over
-    these motions.
+    these motions. If transits fail, strokes are also followed from other configurations.
 
     Parameters
     ----------
@@ -138,14 +140,14 @@ def follow_all(
     require_type("checker", checker, CollisionChecker)
     require_integer("starts", starts, 1)
     require_integer("transits", transits, 1)
-    given, arm = tuple(strokes), checker.arm
+    given, arm = tuple(strokes), checker.group
     for index, stroke in enumerate(given):
         require_type(f"strokes[{index}]", stroke, Stroke)
     names = [stroke.name for stroke in given]
     if not given or len(set(names)) < len(names):
         raise InputError("there must be at least one stroke, and their names must differ")
-    if "start" in options:
-        raise InputError("start is an option of follow only; state home")
+    if own_options := sorted({"start", "avoid"} & options.keys()):
+        raise InputError(f"{own_options[0]} is an option of follow only; state home")
     place = None if home is None else arm.limits.snap(arm.configuration(home, "home"))
     # The motion along each stroke, from each start point and in each direction
     choices: list[tuple[int, Stroke, int, bool, FollowPlan]] = []
@@ -172,36 +174,47 @@ def follow_all(
         )
         more = f"; and {len(failed) - 1} more stroke{'s' * (len(failed) > 2)}" if len(failed) > 1 else ""
         return StrokesPlan(reason.status, f"stroke {name!r}: {reason.message}{more}", **figures)
-    # The order by lower bounds, which certified times replace until the best order has none of them left
-    first = np.array([choice[-1].trajectory.start for choice in choices])
-    last = np.array([choice[-1].trajectory.end for choice in choices])
-    bounds, count = Bounds.of(arm.limits, arm.joint_names), len(choices)
-    away = np.zeros(count) if place is None else least_times(first - place, bounds)
-    back = np.zeros(count) if place is None else least_times(last - place, bounds)
-    seconds = np.array([choice[-1].duration for choice in choices])
-    between = np.array([least_times(first - q, bounds) for q in last])
-    jobs = np.array([choice[0] for choice in choices])
-    problem = TourProblem(jobs, away, back, seconds, between, Precedence(tuple(names)))
-    figures["bound"] = problem.lower_bound()
+    # The order by lower bounds, which certified times replace until the best order has none of them left. If no order
+    # has all transits, the strokes at those that failed are also followed from other configurations
+    bounds, precedence = Bounds.of(arm.limits, arm.joint_names), Precedence(tuple(names))
     known: dict[tuple[int, int], MotionPlan] = {}
     best: tuple[float, tuple[int, ...]] = (np.inf, ())
-    for _ in range(transits):
-        tour = problem.solve(rng=rng)
-        arcs = _arcs(tour.options, home=place is not None)
-        new = [arc for arc in arcs if arc not in known]
-        for a, b in new:
-            begin, end = place if a == HOME else last[a], place if b == HOME else first[b]
-            known[a, b] = plan(checker, begin, end, rng=rng)  # type: ignore[arg-type]  # home is stated for its arcs
-            time = known[a, b].duration if known[a, b].ok else np.inf
-            if a == HOME:
-                away[b] = time
-            elif b == HOME:
-                back[a] = time
-            else:
-                between[a, b] = time
-        problem = TourProblem(jobs, away, back, seconds, between, problem.precedence)
-        best = min(best, (problem.seconds(tour.options), tour.options))
-        if not new:
+    for _ in range(ALTERNATIVES + 1):
+        first = np.array([own[-1].trajectory.start for own in choices])
+        last = np.array([own[-1].trajectory.end for own in choices])
+        times = np.zeros((len(choices) + 1, len(choices) + 1))  # the last row and column are those of HOME
+        times[:HOME, :HOME] = [least_times(first - q, bounds) for q in last]
+        if place is not None:
+            times[HOME, :HOME], times[:HOME, HOME] = (least_times(end - place, bounds) for end in (first, last))
+        for arc, own in known.items():
+            times[arc] = own.duration if own.ok else np.inf
+        seconds, jobs = np.array([own[-1].duration for own in choices]), np.array([own[0] for own in choices])
+        problem = TourProblem(jobs, times[HOME, :HOME], times[:HOME, HOME], seconds, times[:HOME, :HOME], precedence)
+        figures |= {"bound": problem.lower_bound(), "variants": len(choices)}
+        for _ in range(transits):
+            tour = problem.solve(rng=rng)
+            arcs = _arcs(tour.options, home=place is not None)
+            new = [arc for arc in arcs if arc not in known]
+            for a, b in new:
+                begin, end = place if a == HOME else last[a], place if b == HOME else first[b]
+                known[a, b] = plan(checker, begin, end, rng=rng)  # type: ignore[arg-type]  # home is stated for its arcs
+                times[a, b] = known[a, b].duration if known[a, b].ok else np.inf
+            problem = TourProblem(
+                jobs, times[HOME, :HOME], times[:HOME, HOME], seconds, times[:HOME, :HOME], precedence
+            )
+            best = min(best, (problem.seconds(tour.options), tour.options))
+            if not new:
+                break
+        if np.isfinite(best[0]):
+            break
+        count = len(choices)
+        for number in sorted({k for arc, own in known.items() if not own.ok for k in arc if k != HOME}):
+            job, variant, start, reverse, _ = choices[number]
+            begins = [own[-1].trajectory.start for own in choices if (own[0], *own[2:4]) == (job, start, reverse)]
+            other = follow(checker, variant.path, avoid=begins, rng=rng, **options)
+            if other.ok:
+                choices.append((job, variant, start, reverse, other))
+        if len(choices) == count:
             break
     if not np.isfinite(best[0]):
         why = next(each.message for each in known.values() if not each.ok)

@@ -19,11 +19,11 @@ from pinproof.common import theme
 from pinproof.common.results import Html, Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
-from pinproof.errors import NoClosedForm
+from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import IkTask
 from pinproof.spatial import Array
 from pinproof.tool_paths.path import ToolPath
-from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill, redundant_axes
+from pinproof.tool_paths.rungs import FollowCosts, Grid, PathArm, Rung, fill, redundant_axes
 
 if TYPE_CHECKING:
     from pinproof.viewer import ColouredPoints
@@ -146,14 +146,15 @@ def rotation_strip(
     # A rung for each cell, with the pose of the tool rotated
     turns = Grid(angles, np.eye(3)[None]).turns
     rungs = [Rung(0, 0.0, pose @ turn, where) for where, pose in zip(at.tolist(), poses, strict=True) for turn in turns]
-    alone = Grid(np.zeros(1), np.eye(3)[None], redundant_axes(checker.arm, REDUNDANT)[2])
-    fill(rungs, checker, alone, IkTask(), FollowCosts(), 0)
+    path_arm = PathArm.of(checker.group) if plan is None else plan.path_arm
+    alone = Grid(np.zeros(1), np.eye(3)[None], *redundant_axes(path_arm, REDUNDANT)[2:])
+    fill(rungs, checker, path_arm, alone, IkTask(), FollowCosts(), 0)
     codes = [0 if len(rung.rates) else 1 if len(rung.q) else 2 if rung.outside else 3 for rung in rungs]
     # The rotation of the motion
     chosen = []
     for piece in () if plan is None else plan.pieces:
         on = (piece.poses >= 0.0) & (piece.poses <= count - 1.0)
-        frames = checker.arm.forward_kinematics_batch(piece.q[on])[:, :3, :3]
+        frames = path_arm.arm.forward_kinematics_batch(piece.q[on])[:, :3, :3]
         turned = np.swapaxes(path.at(piece.poses[on])[:, :3, :3], 1, 2) @ frames
         chosen.append(np.column_stack([piece.poses[on], np.arctan2(turned[:, 1, 0], turned[:, 0, 0])]))
     return RotationStrip(at, angles, np.array(codes, dtype=np.int64).reshape(len(at), -1), tuple(chosen))
@@ -166,7 +167,7 @@ def pictured(plans: Mapping[str, Any], by: Literal["clearance", "speed"] = "clea
     """
     first = next(iter(plans.values()))
     shown: dict[str, Any] = {"attached": first.checker.attached, "points": coloured_path([*plans.values()], by)}
-    with contextlib.suppress(NoClosedForm):
+    with contextlib.suppress(NoClosedForm, InputError):  # or too many external joints
         strips = {name: rotation_strip(own.checker, own.path, own) for name, own in [*plans.items()][:STRIPS]}
         shown |= {"panel": _strip_panel(strips, {name: plans[name].path.names for name in strips})}
     q = next((each.q for own in plans.values() for each in own.blocked if each.q is not None), None)
@@ -204,7 +205,7 @@ def coloured_path(plans: Sequence[Any], by: Literal["clearance", "speed"] = "cle
     from pinproof.viewer import ColouredPoints
 
     checker = plans[0].checker
-    root, arm = checker.arm.root_from_base.homogeneous, checker.arm
+    root, arm = plans[0].root_from_path, plans[0].path_arm.arm
     found = [motion for plan in plans if plan.ok for name, motion in plan.motions if name == "path"]
     if found and all(plan.ok for plan in plans):
         count = max(POINTS // len(found), 40)
@@ -217,8 +218,8 @@ def coloured_path(plans: Sequence[Any], by: Literal["clearance", "speed"] = "cle
         else:
             values = checker.clearance_batch(q) * 1e3
             label, high = "clearance [mm]", float(np.clip(values.max(), 1.0, WIDE))
-        places = (root @ arm.forward_kinematics_batch(q))[:, :3, 3]
-        return ColouredPoints.of_values(places, values, label=label, high=high, size=SIZE)
+        points = (root @ arm.forward_kinematics_batch(q))[:, :3, 3]
+        return ColouredPoints.of_values(points, values, label=label, high=high, size=SIZE)
     places, colours = list[Array](), list[Array]()
     good, bad = (np.array(theme.rgb(theme.COLOURS[name])) for name in ("good", "bad"))
     for plan in plans:

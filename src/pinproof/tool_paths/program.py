@@ -32,7 +32,7 @@ from pinproof.collision import (
 from pinproof.common.results import Answer
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointGroup
 from pinproof.motion import (
     ControllerMove,
     JointMove,
@@ -231,8 +231,10 @@ def export_motions(
     )  # fmt: skip
 
 
-def require_language(arm: Arm, dialect: str) -> None:
-    """Refuse a language in which programs of tool paths cannot be written for an arm.
+def require_language(arm: JointGroup, dialect: str) -> Arm:
+    """Return the arm, or refuse a language in which its programs of tool paths cannot be written.
+
+    No language is possible for a joint group that moves the part too.
 
     Raises
     ------
@@ -241,7 +243,14 @@ def require_language(arm: Arm, dialect: str) -> None:
     UnknownNameError
         If the language does not exist.
     """
-    language, external = find_dialect(dialect), external_joints(arm)
+    language = find_dialect(dialect)
+    if not isinstance(arm, Arm):
+        raise InputError(
+            f"programs of tool paths state linear moves in frames that are at rest, but the joints "
+            f"{', '.join(arm.joint_names)} move the tool and the part together; save the motion, which has the values "
+            "of all joints over time, or hold the joints of the part with the key held"
+        )
+    external = external_joints(arm)
     if not language.outputs:
         raise InputError(f"{dialect}: the process needs a digital output; use urscript, rapid, krl or fanuc")
     if external:
@@ -251,6 +260,7 @@ def require_language(arm: Arm, dialect: str) -> None:
         )
     if reason := language.refuses(arm, external):
         raise InputError(reason)
+    return arm
 
 
 def _between(checker: CollisionChecker, motion: ProgramMotion, deviation: float, dialect: str) -> list[Step]:

@@ -38,10 +38,10 @@ def place_name(rung: Rung, names: tuple[str, ...]) -> str:
 
 
 def blocked_rungs(checker: CollisionChecker, rungs: list[Rung], turns: int, names: tuple[str, ...]) -> BlockedPose:
-    """Why consecutive rungs have no nodes, all for one reason; ``turns`` is the number of rotations of the grid."""
+    """Why consecutive rungs have no nodes, all for one reason; ``turns`` is the number of rotations, 0 for all."""
     first, last = rungs[0], rungs[-1]
     where = " to ".join(dict.fromkeys((place_name(first, names), place_name(last, names))))
-    over = f"at all {turns} rotations" if turns > 1 else "at the rotation of the path"
+    over = "at the rotation of the path" if turns == 1 else f"at all {turns or ''} rotations".replace("  ", " ")
     kind, proven = obstruction(first), all(rung.complete for rung in rungs)
     if kind is not Obstruction.CONTACT:
         outside = f", {sum(rung.outside for rung in rungs)} solutions" if kind is Obstruction.LIMIT else ""

@@ -105,7 +105,7 @@ class FollowReport(Saved):
 
     @property
     def _limits(self) -> str:
-        return str(self.checker.arm.limits.acceleration_source)
+        return str(self.checker.group.limits.acceleration_source)
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """The cells of :data:`COLUMNS` for each stroke."""
@@ -125,7 +125,7 @@ class FollowReport(Saved):
             | {"suggestions": [{"change": each.text, "size": each.size} for each in own.suggestions]}
             for own in self.strokes
         ]
-        found: dict[str, Any] = {"ok": self.ok, "summary": self.summary, "robot": self.checker.arm.robot.name}
+        found: dict[str, Any] = {"ok": self.ok, "summary": self.summary, "robot": self.checker.group.robot.name}
         found |= {"strokes": strokes, "notes": list(self.notes)}
         if self.ok:
             found |= {"duration": self.motion.duration, "certificate": self.motion.certificate.to_dict()}
@@ -238,7 +238,7 @@ def follow_job(
     """
     require_integer("suggestions", suggestions, 0)
     checker = job.load_checker() if checker is None else checker
-    arm, home = checker.arm, None
+    arm, home = checker.group, None
     if job.settings.home:
         home = np.array(job.settings.home_configuration(arm.joint_names, arm.home))
     placed = job.placed(checker)

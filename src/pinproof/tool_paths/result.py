@@ -11,10 +11,12 @@ import numpy as np
 from pinproof.collision import Certificate, CollisionChecker
 from pinproof.common.results import Rows, Solution, View
 from pinproof.common.structs import described, key
+from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.planning import MotionPlan, PlannedMotion
 from pinproof.spatial import Array
 from pinproof.tool_paths.path import ToolPath
+from pinproof.tool_paths.rungs import PathArm
 
 # Number of blocked poses that a message states.
 SHOWN = 3
@@ -122,11 +124,24 @@ class FollowPlan(PlannedMotion):
     removed: int = key("number of edges that were removed because no curve along them is possible", default=0)
     rungs: int = key("number of rungs of the grid", default=0)
     checker: Solution[CollisionChecker] = key("the checker of the certificate", default=Solution())
+    path_arm: Solution[PathArm] = key("the arm as seen from the frame of the path", default=Solution(), hidden=True)
 
     @property
     def ok(self) -> bool:
         """Whether a motion was found that is proven."""
         return self.status is FollowStatus.FOUND
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as seen from the frame of the path: its poses of the tool are those that follow the path."""
+        return self.path_arm.arm
+
+    @property
+    def root_from_path(self) -> Array:
+        """(4, 4) the pose of the frame of the path where the motion starts; without a motion, where it is blocked."""
+        shown = [self.trajectory.start] if self.ok else [each.q for each in self.blocked if each.q is not None]
+        group = self.checker.group
+        return np.asarray(group.root_from_frame([*shown, group.home][0], self.arm.base).homogeneous)
 
     @property
     def cost(self) -> float:
@@ -174,7 +189,7 @@ class FollowPlan(PlannedMotion):
     def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
         from pinproof.tool_paths.pictures import pictured
 
-        place, shown = self.checker.arm.root_from_base.homogeneous, pictured({self.path.name: self})
+        place, shown = self.root_from_path, pictured({self.path.name: self})
         if self.ok:
             ends = {"start of the path": self.path.poses[0], "end of the path": self.path.poses[-1]}
             shown |= {"frames": {name: place @ pose for name, pose in ends.items()}}

@@ -12,7 +12,9 @@ joint that does not fit become separate nodes, and the search is repeated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
@@ -22,11 +24,12 @@ import numpy.typing as npt
 from pinproof._core import Ladder
 from pinproof.collision import CollisionChecker
 from pinproof.common.structs import key, struct
-from pinproof.errors import NoClosedForm
+from pinproof.description import with_spin
+from pinproof.errors import InputError, NoClosedForm, UnknownNameError
 from pinproof.ik import AnalyticIk, Clik, IkTask
-from pinproof.model import AT_LIMIT, Arm
+from pinproof.model import AT_LIMIT, Arm, JointGroup
 from pinproof.planning import Route
-from pinproof.spatial import Array
+from pinproof.spatial import Array, finite
 
 TURN = 2.0 * np.pi
 # Number of different configurations that are searched for at each pose and rotation if the arm has no closed form.
@@ -35,6 +38,12 @@ SAMPLED = 8
 CLEARANCE = 0.02
 # Smallest singular value at which half of the cost of singularities is reached: 10 rad/s of a joint for 1 m/s.
 SINGULAR = 0.1
+# Number of values of a redundant joint by default, and largest number of combinations of values of several.
+REDUNDANT, MOST_VALUES = 24, 20_000
+# Smallest singular value of the position and the axis of the tool with which an arm cannot rotate the tool alone.
+NO_ROTATION = 1e-6
+# The link behind the virtual joint of an arm that cannot choose the rotation of the tool.
+SPIN = "tool_rotation"
 # Least duration (s) between rungs for the cost of the effort.
 SHORTEST = 1e-3
 
@@ -74,16 +83,110 @@ COSTS = {
 
 
 @dataclass(frozen=True, eq=False)
+class PathArm:
+    """An arm as seen from the frame of a path, and the arm whose inverse kinematics are solved.
+
+    ``arm`` has the joints of the checker in the same order, and its poses are those of the tool in the frame of the
+    path. ``solved`` leads from its own base to the tool: the other joints, ``external``, move the frame of the path
+    relative to that base. ``spun`` is the same with a virtual joint about the axis of the tool, if it is needed, and
+    ``spin`` the range (rad) of the rotation of the tool, if it is limited.
+    """
+
+    arm: Arm
+    solved: Arm
+    external: tuple[int, ...] = ()
+    spun: Arm | None = None
+    spin: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, group: JointGroup, frame: str | None = None, name: str | None = None) -> PathArm:
+        """The arm of this name in a joint group, by default the first, as seen from a link, by default its own base.
+
+        Raises
+        ------
+        UnknownNameError, InputError
+            As :meth:`pinproof.JointGroup.seen_from`.
+        """
+        name = next(iter(group.ends)) if name is None else name
+        tcp = group.tcp_of(name)
+        solved = next(arm for arm in group.arms.values() if arm.tcp == tcp)
+        if isinstance(group, Arm) and frame in (None, group.base):
+            return cls(group, solved)
+        arm = group.seen_from(solved.base if frame is None else frame, name)
+        return cls(arm, solved, tuple(k for k, joint in enumerate(arm.joint_names) if joint not in solved.joint_names))
+
+    def with_spin(self, spin: tuple[float, float] | None) -> PathArm:
+        """The same with a virtual joint if the solved arm cannot choose the rotation of the tool about its axis.
+
+        An arm of five joints that reaches a position and an axis has one rotation for each of its solutions. With the
+        virtual joint, its closed form finds all of them at any rotation, of which those in a range ``spin`` remain.
+        """
+        arm = self.solved
+        if arm.dof != 5:
+            return self
+        lower, upper = arm.limits.sampling_range()
+        q = np.random.default_rng(0).uniform(lower, upper)
+        if np.linalg.svd(arm.jacobian(q, reference="LOCAL")[:5], compute_uv=False)[-1] < NO_ROTATION:
+            return self
+        limits = dict(zip(arm.joint_names, zip(arm.limits.lower, arm.limits.upper, strict=True), strict=True))
+        urdf = with_spin(arm.robot.urdf, SPIN, arm.tcp)
+        held = {joint: arm.held[joint] for joint in arm.held if urdf.joints[joint].mimic is None}
+        spun = replace(arm.robot, urdf=urdf).arm(SPIN, base=arm.base, limits=limits, held=held)
+        return replace(self, spun=spun, spin=spin)
+
+    def base_from_path(self, values: Array) -> Array:
+        """(e, 4, 4) the frame of the path in the base of the solved arm at values (e, k) of the external joints."""
+        q = np.tile(self.arm.home, (len(values), 1))
+        q[:, self.external] = values
+        base_from_tcp = self.solved.forward_kinematics_batch(np.delete(q, self.external, axis=1))
+        return np.asarray(base_from_tcp @ np.linalg.inv(self.arm.forward_kinematics_batch(q)))
+
+    def solutions(self, places: Array, grid: Grid) -> tuple[Array, Array, Array, Flags]:
+        """All IK solutions (m, n) at poses (k, 4, 4) of the path with the values of the grid, one pose after another.
+
+        Also their number (k,), that of solutions outside the limits (k,), and whether they are known to be complete.
+
+        Raises
+        ------
+        NoClosedForm
+            If the solved arm has no closed form.
+        """
+        values = np.zeros((1, 0)) if grid.external is None else grid.external
+        targets = (places[:, None] @ grid.turns[None])[:, :, None]
+        if self.arm is not self.solved:
+            targets = self.base_from_path(values) @ targets
+        count = len(places)
+        solved = self.spun if grid.any_rotation and self.spun is not None else self.solved
+        found = AnalyticIk().solve_all_batch(solved, targets.reshape(-1, 4, 4), redundant_values=grid.redundant)
+        exists = np.arange(found.q.shape[1]) < found.count[:, None]
+        if solved is self.spun and self.spin is not None:  # the tool rotates against the virtual joint
+            low, high = self.spin
+            exists &= np.remainder(-found.q[:, :, -1] - low, TURN) <= high - low
+        number, q = exists.sum(axis=1), found.q[exists][:, : self.solved.dof]
+        if self.external:
+            own, q = q, np.empty((len(q), self.arm.dof))
+            q[:, np.delete(np.arange(self.arm.dof), self.external)] = own
+            q[:, self.external] = np.repeat(np.tile(values, (len(number) // len(values), 1)), number, axis=0)
+        counts, outside = (each.reshape(count, -1).sum(axis=1) for each in (number, found.outside))
+        complete = found.complete.reshape(count, -1).all(axis=1) & (not self.external)
+        return q, counts, outside, np.asarray(complete)
+
+
+@dataclass(frozen=True, eq=False)
 class Grid:
     """The values over which the nodes of a rung are computed.
 
     ``rotations`` (k,) are angles (rad) about the axis of the tool, ``tilts`` (m, 3, 3) rotations of the tool that come
-    before, and ``redundant`` (v,) values of the redundant joint, (v, 2) of two joints, None for an arm without one.
+    before, and ``redundant`` (v,) values of the redundant joint of the solved arm, (v, 2) of two joints, None for an
+    arm without one. ``external`` (e, j) are values of its external joints. ``any_rotation`` states that an arm with a
+    virtual joint about the axis of the tool is solved at all rotations, of which ``rotations`` then has one.
     """
 
     rotations: Array
     tilts: Array
     redundant: Array | None = None
+    external: Array | None = None
+    any_rotation: bool = False
 
     @cached_property
     def turns(self) -> Array:
@@ -95,18 +198,51 @@ class Grid:
         return turns
 
 
-def redundant_axes(arm: Arm, count: int) -> tuple[tuple[int, ...], list[Array], Array | None]:
-    """The redundant joints of an arm, ``count`` values of each, and all combinations as :attr:`Grid.redundant`.
+def redundant_axes(
+    path_arm: PathArm, values: int | Mapping[str, npt.ArrayLike]
+) -> tuple[tuple[int, ...], list[Array], Array | None, Array | None]:
+    """The redundant and external joints, the values of each, and all combinations as :class:`Grid` has them.
+
+    ``values`` is their number, or the values of joints by name. By default, those of a joint are evenly over its
+    limits, and over one revolution if it can rotate by more.
 
     Raises
     ------
     NoClosedForm
         If the arm has no closed form.
+    InputError
+        If values are stated for another joint, are outside its limits, or there are too many combinations.
     """
-    joints = AnalyticIk().redundant_joints(arm)
+    arm, solved = path_arm.arm, path_arm.solved
+    own = [arm.joint_names.index(solved.joint_names[joint]) for joint in AnalyticIk().redundant_joints(solved)]
+    joints = (*own, *path_arm.external)
+    names = [arm.joint_names[joint] for joint in joints]
+    stated = values if isinstance(values, Mapping) else {}
     lower, upper = arm.limits.sampling_range()
-    axes = [np.linspace(lower[joint], upper[joint], count) for joint in joints]
-    return joints, axes, axes[0] if len(axes) == 1 else np.array(list(product(*axes))) if axes else None
+    axes = []
+    for joint, name in zip(joints, names, strict=True):
+        low, high, count = lower[joint], upper[joint], values if isinstance(values, int) else REDUNDANT
+        axis = np.linspace(low, high, count)
+        if arm.periodic[joint] and high - low >= TURN:
+            axis = np.clip(0.5 * (low + high) - np.pi, low, high - TURN) + TURN * np.arange(count) / count
+        if name in stated:
+            axis = np.unique(finite(f"redundant[{name!r}]", np.atleast_1d(np.asarray(stated[name])), (None,)))
+            if not len(axis) or axis[0] < arm.limits.lower[joint] or axis[-1] > arm.limits.upper[joint]:
+                raise InputError(
+                    f"redundant[{name!r}] must have values from {arm.limits.lower[joint]:g} to "
+                    f"{arm.limits.upper[joint]:g}, the limits of the joint"
+                )
+        axes.append(axis)
+    if unknown := [name for name in stated if name not in names]:
+        raise UnknownNameError("redundant joint", unknown[0], names)
+    if (combinations := math.prod(map(len, axes))) > MOST_VALUES:
+        raise InputError(
+            f"the joints {', '.join(names)} have {combinations:,} combinations of values, and at most {MOST_VALUES:,} "
+            "are compared; state fewer values with redundant, or hold some of the joints"
+        )
+    inner, outer = axes[: len(own)], axes[len(own) :]
+    redundant = inner[0] if len(inner) == 1 else np.array(list(product(*inner))) if inner else None
+    return joints, axes, redundant, np.array(list(product(*outer))) if outer else None
 
 
 @dataclass(eq=False)
@@ -140,6 +276,7 @@ class Rung:
 def fill(
     rungs: list[Rung],
     checker: CollisionChecker,
+    path_arm: PathArm,
     grid: Grid,
     task: IkTask,
     costs: FollowCosts,
@@ -148,18 +285,10 @@ def fill(
     ranged: bool = False,
 ) -> None:
     """Compute the nodes of rungs; ``ranged`` states that the rotation of the tool is free only in a range."""
-    arm, turns, count = checker.arm, grid.turns, len(rungs)
+    arm, turns, count = path_arm.arm, grid.turns, len(rungs)
     places = np.array([rung.place for rung in rungs]).reshape(-1, 4, 4)
-    outside: npt.NDArray[np.int64] = np.zeros(count, dtype=np.int64)
-    complete: npt.NDArray[np.bool_] = np.zeros(count, dtype=bool)
     try:
-        targets = (places[:, None] @ turns[None]).reshape(-1, 4, 4)
-        found = AnalyticIk().solve_all_batch(arm, targets, redundant_values=grid.redundant)
-        exists = np.arange(found.q.shape[1]) < found.count[:, None]
-        q = found.q[exists]
-        counts = found.count.reshape(count, -1).sum(axis=1)
-        outside = found.outside.reshape(count, -1).sum(axis=1)
-        complete = np.asarray(found.complete.reshape(count, -1).all(axis=1))
+        q, counts, outside, complete = path_arm.solutions(places, grid)
     except NoClosedForm:
         # Different solutions from random starts; a rotation that is free without a range is left to the search
         if task != IkTask():
@@ -172,8 +301,9 @@ def fill(
         ]
         q = np.concatenate(many)
         counts = np.array([len(part) for part in many]).reshape(count, -1).sum(axis=1)
+        outside, complete = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     free = np.asarray(checker.is_free_batch(q), dtype=bool) if len(q) else np.empty(0, dtype=bool)
-    rates, start = rates_of(checker, q[free], costs), 0
+    rates, start = rates_of(checker, arm, q[free], costs), 0
     for number, rung in enumerate(rungs):
         rows = slice(start, start := start + int(counts[number]))
         first = int(free[: rows.start].sum())
@@ -182,9 +312,9 @@ def fill(
         rung.outside, rung.complete = int(outside[number]), bool(complete[number])
 
 
-def rates_of(checker: CollisionChecker, q: Array, costs: FollowCosts) -> Array:
+def rates_of(checker: CollisionChecker, arm: Arm, q: Array, costs: FollowCosts) -> Array:
     """(N,) the costs per second of configurations (N, n) by themselves."""
-    arm, limits, total = checker.arm, checker.arm.limits, np.zeros(len(q))
+    limits, total = arm.limits, np.zeros(len(q))
     if not len(q):
         return total
     if costs.limits:

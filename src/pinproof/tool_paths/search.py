@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.ik import Clik, IkTask, track
+from pinproof.model import Arm
 from pinproof.motion import CubicPath
 from pinproof.planning import Route, nearest_target, routes_through
 from pinproof.spatial import SE3, Array, matrix, pose
@@ -34,6 +35,7 @@ from pinproof.tool_paths.rungs import (
     Flags,
     Grid,
     LadderSettings,
+    PathArm,
     Rung,
     RungLadder,
     fill,
@@ -62,6 +64,12 @@ MOVED, EXTENDED, EXACT, SAMPLED = 48, 40, 1e-9, 20
 # Rounds in which finer values around the optimum are compared, and the shares by which a round must improve the cost to
 # be repeated with values of the same size, and for there to be another one.
 ROUNDS, IMPROVED, ENOUGH = 12, 0.01, 1e-4
+# Largest number of times that finer values are compared, without those within so many rungs of an edge where they fail.
+ATTEMPTS, KEPT = 3, 2
+# rad and m: a motion that starts within this of another one in every joint does not start elsewhere.
+NEAR, NEAR_METRES = 1.0, 0.1
+# Number of free directions up to which all combinations of their steps are compared.
+MOST_SIDES = 3
 # rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
 FARTHEST = 2.0
 # Length of the window over which steps are smoothed, in steps of the grid.
@@ -91,6 +99,7 @@ class Search:
     """The state of :func:`follow`; with ``stops``, the tool stops at sharp corners of the path."""
 
     checker: CollisionChecker
+    path_arm: PathArm
     path: ToolPath
     grid: Grid
     free: bool
@@ -105,6 +114,7 @@ class Search:
     budget: int
     rng: int
     start: Array | None
+    avoided: Array
     stops: bool = False
     routes: list[Route] = field(default_factory=list)
     rungs: list[Rung] = field(default_factory=list)
@@ -139,7 +149,7 @@ class Search:
             if piece is None or following != end + 1:
                 gap = self.rungs[end if piece is None else end + 1 : last + 1 if following is None else following]
                 empty = [rung for rung in gap if not len(rung.rates)]
-                turns = len(self.grid.turns)
+                turns = 0 if self.grid.any_rotation else len(self.grid.turns)
                 blocked += [
                     blocked_rungs(self.checker, list(rows), turns, names) for _, rows in groupby(empty, obstruction)
                 ]
@@ -154,7 +164,12 @@ class Search:
         """Why no node of the next rung is within reach of the last rung of a piece."""
         rungs = self.rungs[piece.last], self.rungs[piece.last + 1]
         failed = f"; {self.unproven}" if self.unproven and self.removed else ""
-        return jump(self.checker.arm, piece.course.reachable, rungs, self.path.names, failed)
+        return jump(self.arm, piece.course.reachable, rungs, self.path.names, failed)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as seen from the frame of the path."""
+        return self.path_arm.arm
 
     @property
     def task(self) -> IkTask:
@@ -171,7 +186,7 @@ class Search:
 
     def _make_rungs(self) -> None:
         """The routes of the tool and their rungs with all nodes."""
-        arm, path = self.checker.arm, self.path
+        arm, path = self.arm, self.path
         frames = [SE3(each[:3, :3], each[:3, 3]) for each in path.poses]
         if self.whole:  # the rotation is free, so that the reference rotates as little as possible
             for index in range(1, len(frames)):
@@ -195,6 +210,13 @@ class Search:
         else:
             self.rungs = [Rung(0, 0.0, matrix(frames[0]), 0.0)]
         self._fill(self.rungs)
+        if len(self.avoided):  # the motion starts elsewhere
+            rung = self.rungs[0]
+            step = rung.nodes[:, None] - self.avoided
+            step -= np.where(arm.periodic, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
+            close = np.all(np.abs(step) <= np.where(arm.angular, NEAR, NEAR_METRES), axis=2)
+            elsewhere = ~np.any(close, axis=1)
+            rung.rates, rung.free[rung.free] = rung.rates[elsewhere], elsewhere
         if self.start is not None:  # the only node of the first rung
             outside = bool(arm.limits.violations(self.start, arm.joint_names))
             one = self.start[None][int(outside) :]
@@ -216,7 +238,8 @@ class Search:
         for first in range(0, len(rungs), BLOCK):
             block = rungs[first : first + BLOCK]
             fill(
-                block, self.checker, self.grid, self.task, self.settings.costs, self.rng, ranged=self.spin is not None
+                block, self.checker, self.path_arm, self.grid, self.task, self.settings.costs, self.rng,
+                ranged=self.spin is not None,
             )  # fmt: skip
 
     def _connect(self) -> None:
@@ -226,7 +249,7 @@ class Search:
         turned = np.linalg.norm(np.diff(places[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2.0)
         speed, timed = self._speeds(0.5 * np.array([a.at + b.at for a, b in pairwise(self.rungs)]))
         duration = np.where(timed, length / speed, np.maximum(length / NOMINAL, turned / NOMINAL_ROTATION))
-        self._ladder = RungLadder(self.checker.arm, self.rungs, np.maximum(duration, 1e-6), timed, self.settings)
+        self._ladder = RungLadder(self.arm, self.rungs, np.maximum(duration, 1e-6), timed, self.settings)
 
     def _speeds(self, at: Array) -> tuple[Array, Flags]:
         """(k,) the largest speed (m/s) of the tool at places of the path, and where it is the one that is wanted.
@@ -260,14 +283,17 @@ class Search:
             last = first + len(course.nodes) - 1
             if last < len(self.rungs) - 1 and self._continue(last, course.reachable):
                 continue
-            # Without the finer values, and without smoothing, if the curve fails
-            polished = self._polished(first, course)
-            attempts = (
-                ((polished, WINDOW), (polished, 0.0), (course, 0.0)) if self.settings.steps > 0.0 else ((course, 0.0),)
-            )
-            index = first
-            for tried, width in attempts:
-                made = self._curves(first, tried, width, course.cost)
+            # With finer values; without smoothing if the curve fails; without finer values where it does; without any
+            index, kept, polished = first, np.zeros(len(course.nodes), dtype=bool), course
+            for _ in range(ATTEMPTS if self.refined < ATTEMPTS else 1):
+                polished = self._polished(first, course, kept)
+                for width in (WINDOW, 0.0) if polished is not course else ():
+                    made = self._curves(first, polished, width, course.cost)
+                    if isinstance(made, FollowedPiece):
+                        return made
+                    kept[max(made[0] - first - KEPT, 0) : made[0] - first + KEPT + 2] = True
+            for width in (WINDOW, 0.0) if polished is course and self.settings.steps > 0.0 else (0.0,):
+                made = self._curves(first, course, width, course.cost)
                 if isinstance(made, FollowedPiece):
                     return made
                 index, self.unproven = made
@@ -284,7 +310,7 @@ class Search:
             # get the solutions that follow from those of the first rung, and from random ones there
             self.extended.append(self.rungs[0])
             many = Clik(restarts=SAMPLED).solve_many(
-                self.checker.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=self.task
+                self.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=self.task
             )
             if self.start is None:
                 self._add(self.rungs[0], many.q[self._allowed(many.q, [self.rungs[0]] * len(many.q))])
@@ -296,7 +322,7 @@ class Search:
             if self._extend(last, reachable, EXTENDED):
                 self._connect()
                 return True
-        step = smallest_step(self.checker.arm, reachable, self.rungs[last + 1].nodes)
+        step = smallest_step(self.arm, reachable, self.rungs[last + 1].nodes)
         if (
             step is None
             or self.refined >= self.budget
@@ -322,7 +348,7 @@ class Search:
             for total, image, rounding in zip(self.deviation, self.image, self.rounding, strict=True)
         ]
         projection = IkTask(rx=False, ry=False, rz=False) if len(self.grid.tilts) > 1 else self.task
-        maker = CurveMaker(self.checker.arm, self.task, allowed[0], allowed[1], self.spin, projection)
+        maker = CurveMaker(self.arm, self.task, allowed[0], allowed[1], self.spin, projection)
         curves: list[RouteCurve] = []
         groups: list[list[tuple[CubicPath, Array, Flags]]] = [[], [], []]
         begin, q = 0, course.q.copy()
@@ -356,7 +382,7 @@ class Search:
     def _rotations(self, q: Array, rungs: list[Rung]) -> Array:
         """(k,) the rotation (rad) of the tool about its axis from the pose of each rung, in its range."""
         places = np.array([rung.place for rung in rungs])[:, :3, :3]
-        turn = np.swapaxes(places, 1, 2) @ self.checker.arm.forward_kinematics_batch(q)[:, :3, :3]
+        turn = np.swapaxes(places, 1, 2) @ self.arm.forward_kinematics_batch(q)[:, :3, :3]
         angle = np.arctan2(turn[:, 1, 0] - turn[:, 0, 1], turn[:, 0, 0] + turn[:, 1, 1])
         middle = 0.0 if self.spin is None else 0.5 * sum(self.spin)
         return np.asarray(middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi)
@@ -371,7 +397,7 @@ class Search:
         places, added = np.array([rung.place for rung in ahead]), [[np.empty((0, q.shape[1]))] for _ in ahead]
         for start in q[:: 1 + len(q) // MOVED]:
             moved = track(
-                self.checker.arm, places, start, dt=1.0, velocity=self.settings.jump, position_tolerance=EXACT,
+                self.arm, places, start, dt=1.0, velocity=self.settings.jump, position_tolerance=EXACT,
                 orientation_tolerance=EXACT, task=self.task,
             )  # fmt: skip
             reached = (
@@ -395,15 +421,16 @@ class Search:
         """Add nodes q (k, n) without contact to a rung."""
         rung.q = np.concatenate([rung.q.reshape(-1, q.shape[1]), q])
         rung.free = np.append(rung.free, np.ones(len(q), dtype=bool))
-        rung.rates = np.append(rung.rates, rates_of(self.checker, q, self.settings.costs))
+        rung.rates = np.append(rung.rates, rates_of(self.checker, self.arm, q, self.settings.costs))
 
-    def _polished(self, first: int, course: Course) -> Course:
+    def _polished(self, first: int, course: Course, kept: Flags) -> Course:
         """The optimum over finer and finer values around those of a course, which move the tool only about its axis.
 
+        Those at rungs that are ``kept`` (k,) remain.
         The motions of the joints that keep the tool on the path, apart from its free rotation, are the null space of
         its Jacobian. Each round compares steps of half the size of the round before, to both sides of each rung.
         """
-        arm, checker, count = self.checker.arm, self.checker, len(course.nodes)
+        arm, checker, count = self.arm, self.checker, len(course.nodes)
         free = arm.dof - (5 if self.free else 6)
         if free < 1 or count < 2 or self.settings.finest <= 0.0 or len(self.grid.tilts) > 1:
             return course
@@ -411,6 +438,8 @@ class Search:
         places = np.array([rung.place for rung in rungs])
         solver = Clik(position_tolerance=EXACT, orientation_tolerance=EXACT, restarts=0)
         sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
+        if free > MOST_SIDES:  # one direction at a time
+            sides = np.concatenate([np.eye(free), -np.eye(free)])
         best, size = course, 0.5 * self.settings.finest
         for _ in range(ROUNDS):
             jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(
@@ -421,16 +450,16 @@ class Search:
             guesses = best.q[:, None] + size * np.einsum("sf,kfn->ksn", sides, null)
             many = np.repeat(places, len(sides), axis=0)
             found = solver.solve_batch(arm, many, arm.limits.clip(guesses.reshape(-1, arm.dof)), task=task)
-            kept = found.ok & (np.abs(found.q - guesses.reshape(-1, arm.dof)).max(axis=1) < size)
-            kept[kept] = self._allowed(found.q[kept], [rungs[row // len(sides)] for row in np.flatnonzero(kept)])
-            kept = kept.reshape(count, -1)
-            kept[0] &= self.start is None or first > 0
+            near = found.ok & (np.abs(found.q - guesses.reshape(-1, arm.dof)).max(axis=1) < size)
+            near[near] = self._allowed(found.q[near], [rungs[row // len(sides)] for row in np.flatnonzero(near)])
+            near = near.reshape(count, -1) & ~kept[:, None]
+            near[0] &= (self.start is None and not len(self.avoided)) or first > 0
             q = found.q.reshape(count, len(sides), -1)
             around = []
             for k, rung in enumerate(rungs):
-                nodes = np.concatenate([best.q[k : k + 1], q[k][kept[k]]])
+                nodes = np.concatenate([best.q[k : k + 1], q[k][near[k]]])
                 around.append(Rung(rung.route, rung.s, rung.place, rung.at, nodes, np.ones(len(nodes), dtype=bool)))
-            rates, start = rates_of(checker, np.concatenate([each.q for each in around]), self.settings.costs), 0
+            rates, start = rates_of(checker, arm, np.concatenate([each.q for each in around]), self.settings.costs), 0
             for each in around:
                 each.rates = rates[start : start + len(each.q)]
                 start += len(each.q)

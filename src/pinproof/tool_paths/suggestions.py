@@ -27,7 +27,7 @@ from pinproof.spatial import SE3, pose, rotation_about
 from pinproof.tool_paths.following import follow
 from pinproof.tool_paths.path import ToolPath
 from pinproof.tool_paths.result import FollowPlan, FollowStatus
-from pinproof.tool_paths.rungs import FollowCosts, Grid, Rung, fill
+from pinproof.tool_paths.rungs import FollowCosts, Grid, PathArm, Rung, fill
 
 # Degrees by which the tool is tilted and the part rotated, and millimetres by which the base and the part are moved.
 TILTS = (5, 10, 15, 20, 30)
@@ -127,12 +127,14 @@ def screening_grid(free: bool | tuple[float, float]) -> Grid:
 
 def _may_pass(case: Case, places: Sequence[float]) -> bool:
     """Whether some configuration is free at each of some poses; True if that is not decided by a closed form."""
-    if case.checker.arm.dof > 6:
+    settings = case.settings
+    path_arm = PathArm.of(case.checker.group, settings.get("frame"), settings.get("arm"))
+    if path_arm.arm.dof != 6:
         return True
     grid = screening_grid(case.settings.get("free_rotation", True))
     for first in range(0, len(places), 4):
         rungs = [Rung(0, 0.0, place, 0.0) for place in case.path.at(places[first : first + 4])]
-        fill(rungs, case.checker, grid, IkTask(), FollowCosts(), 0)
+        fill(rungs, case.checker, path_arm, grid, IkTask(), FollowCosts(), 0)
         if not all(len(rung.rates) for rung in rungs):
             return False
     return True
@@ -170,6 +172,8 @@ def _kinds(case: Case, plan: FollowPlan, part: tuple[str, ...]) -> Iterator[list
         )
         for size, axis, sign in product(TILTS, (0, 1), (1, -1))
     ]  # fmt: skip
+    if settings.get("frame"):  # the part moves with the frame of the path
+        return
     # The part rotates about the z axis of the base through the middle of the path
     ends = case.path.poses[:, :3, 3]
     middle = pose(0.5 * (ends.min(axis=0) + ends.max(axis=0)))

@@ -325,7 +325,7 @@ def with_gripper_margins(
     margins = checker.spec.margins
     if not margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
         return checker
-    links = gripper_links(checker.arm, picks)
+    links = gripper_links(next(iter(checker.group.arms.values())), picks)
     wanted: dict[Any, float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)} | dict(margins)
     for volume, finger in (swept or {}).items():
         wanted |= {pair - {finger} | {volume}: margin for pair, margin in wanted.items() if finger in pair}
@@ -337,7 +337,7 @@ def with_hand(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
     return with_gripper_margins(checker.with_held(picks.held).with_attached(*picks.open_tool), picks)
 
 
-def checker_of_picks(arm: Arm, scene: Scene, picks: Picks) -> CollisionChecker:
+def checker_of_picks(arm: JointGroup, scene: Scene, picks: Picks) -> CollisionChecker:
     """The checker of an arm in its cell with the open hand of picks.
 
     Its scene states no margins of pairs: those of the scene and of the picks, which have precedence, are its own.

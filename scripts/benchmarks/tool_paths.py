@@ -239,18 +239,18 @@ def blocks(results: Results) -> Blocks:
     for arm in ARMS:
         if rows := [row for row in results["audits"] if row.arm == arm]:
             counts, times = Counter(row.status for row in rows), [row.seconds for row in rows]
-            both = [row for row in rows if row.cost is not None and row.least is not None]
-            ratios = [row.cost / row.least for row in both]
-            tries.append(Row(
-                arm=arm, count=len(rows), followed=counts["FOUND"], tried=sum(row.tried for row in rows),
-                missed=sum(row.tried and row.status != "FOUND" for row in rows),
-                median=float(np.median(ratios)), most=max(ratios),
-            ))  # fmt: skip
             named = [counts[status] for status in ("FOUND", "LIFTS_NEEDED", "BLOCKED")]
             audits.append(Row(
                 arm=arm, count=len(rows), found=named[0], lifts=named[1], blocked=named[2],
                 others=len(rows) - sum(named), wrong=sum(bool(row.wrong) for row in rows),
                 median=float(np.median(times)), most=max(times),
+            ))  # fmt: skip
+        if rows := [row for row in results["audits"] if row.arm == arm and hasattr(row, "tried")]:
+            ratios = [row.cost / row.least for row in rows if row.cost is not None and row.least is not None]
+            tries.append(Row(
+                arm=arm, count=len(rows), followed=sum(row.status == "FOUND" for row in rows),
+                tried=sum(row.tried for row in rows), missed=sum(row.tried and row.status != "FOUND" for row in rows),
+                median=float(np.median(ratios)), most=max(ratios),
             ))  # fmt: skip
         if rows := [row for row in results["graphs"] if row.arm == arm]:
             both = [row for row in rows if row.found and row.other is not None]

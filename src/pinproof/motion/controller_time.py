@@ -2,10 +2,12 @@
 
 All joints of a joint move begin and end together: the share of its line that is passed has a trapezoidal speed, as fast
 as the limits of all joints permit. A linear move has a trapezoidal speed of the tcp, for which the joints stay within
-their limits on the complete line. Where a point is blended, the next move begins while the one before decelerates,
-when the arm enters the zone of the point, and the displacements of both add up; both accelerate there only as much as
-the joints permit for the sum. Therefore the arm is within both zones while two moves are superposed, no joint is faster
-than on one of the moves, and the motion of joint moves is piecewise quadratic.
+their limits on the complete line. Where a point is blended, the moves pass its zone at speeds to which they accelerate
+or decelerate before and behind it: while the speed of one move decreases to 0 there, that of the next one increases
+from 0, both linearly and in the same time, and the displacements of both add up. The time is as short as the
+accelerations of the joints permit. Therefore the arm is within both zones while two moves are superposed, no joint is
+faster than on one of the moves, and the motion of joint moves is piecewise quadratic. The speeds at the zones are those
+with which the motion is the shortest among those compared.
 
 Manuals: Universal Robots, *URScript*, ``movej`` and ``movel``: trapezoidal speed profiles; KUKA, *KSS System Software,
 Operating and Programming Instructions for System Integrators*: synchronous PTP, approximate positioning; FANUC,
@@ -17,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,10 +39,13 @@ SPEEDS = np.geomspace(0.02, 1.0, 160)
 SAMPLED = 0.995
 # rad/s and rad/s^2: in place of limits that are not known.
 UNLIMITED = 1e6
-# Shares of the deceleration before a blend that are compared.
-SHARES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2)
-# Shares of the speeds of two moves that are compared, between which a zone changes the speed.
-CORNER_SPEEDS = np.linspace(1.0, 0.4, 7)
+# Ratios of the speeds behind and before a zone that are compared, as factors of the usual one, and shares of the
+# largest speeds with each of them; first widely, then near the best ones.
+RATIOS = np.geomspace(1 / 6.0, 6.0, 15), np.geomspace(0.8, 1.25, 7)
+SPEED_SHARES = np.array([1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.12]), np.geomspace(0.85, 1.18, 7)
+# Share of the largest speed of passing a linear move that is used between zones; the bend of the line then needs half
+# of the accelerations.
+PASSING = 0.7
 # Samples of the part of a linear move in a zone, whose joint accelerations are compared.
 IN_ZONE = 17
 # s: a move of a single point.
@@ -65,63 +70,109 @@ class ControllerMove:
 
 @dataclass(frozen=True)
 class Profile:
-    """A trapezoidal speed: shares per second at its top, and per second^2 at its beginning and its end."""
+    """A speed that is linear between ``times`` (s): ``speeds`` in shares of the move per second, and 0 at both ends.
 
-    top: float
-    gain: float
-    loss: float
+    For the seconds ``entry`` it increases in the zone at the start of the move, for ``exit`` it decreases in that at
+    the end.
+    """
+
+    times: tuple[float, ...]
+    speeds: tuple[float, ...]
+    entry: float = 0.0
+    exit: float = 0.0
 
     @property
     def peak(self) -> float:
         """The largest speed that is reached."""
-        return min(self.top, float(np.sqrt(2.0 / (1.0 / self.gain + 1.0 / self.loss))))
-
-    @property
-    def ramps(self) -> tuple[float, float]:
-        """Seconds of acceleration and of deceleration."""
-        return self.peak / self.gain, self.peak / self.loss
+        return max(self.speeds)
 
     @property
     def duration(self) -> float:
         """Seconds from rest to rest."""
-        return 1.0 / self.peak + sum(self.ramps) / 2.0
+        return self.times[-1]
 
     def lasting(self, duration: float) -> Profile:
         """The profile of the same form with another duration."""
-        slower = self.duration / duration
-        return Profile(self.top * slower, self.gain * slower**2, self.loss * slower**2)
-
-    def seconds_from_start(self, share: float) -> float:
-        """Seconds in which the first ``share``, at most that of the acceleration, is passed."""
-        return min(float(np.sqrt(2.0 * share / self.gain)), self.ramps[0])
-
-    def seconds_to_end(self, share: float) -> float:
-        """Seconds in which the last ``share``, at most that of the deceleration, is passed."""
-        return min(float(np.sqrt(2.0 * share / self.loss)), self.ramps[1])
+        longer = duration / self.duration
+        times, speeds = np.array(self.times) * longer, np.array(self.speeds) / longer
+        return Profile(tuple(times.tolist()), tuple(speeds.tolist()), self.entry * longer, self.exit * longer)
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """The shares passed, and their rates, at times from the start; constant before and after the move."""
-        first, last = self.ramps
+        knots, speeds = np.array(self.times), np.array(self.speeds)
+        passed = np.concatenate([[0.0], np.cumsum(np.diff(knots) * (speeds[1:] + speeds[:-1]) / 2.0)])
         t = np.clip(times, 0.0, self.duration)
-        left = self.duration - t
-        middle = self.peak * (t - first / 2.0)
-        shares = np.where(
-            t < first, self.gain * t**2 / 2.0, np.where(left < last, 1.0 - self.loss * left**2 / 2.0, middle)
-        )
-        rates = np.where(t < first, self.gain * t, np.where(left < last, self.loss * left, self.peak))
+        before = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        rates = np.interp(t, knots, speeds)
+        shares = passed[before] + (t - knots[before]) * (speeds[before] + rates) / 2.0
         return shares, np.where((times < 0.0) | (times > self.duration), 0.0, rates)
 
 
+@dataclass(frozen=True)
+class _Rates:
+    """What the limits permit on a move, in shares of it per second (^2).
+
+    ``gain`` and ``loss`` are the accelerations from rest and to rest up to the speed ``top``; ``changing`` is that
+    from and to any other speed, which is at most ``passing`` if an end of the move is in a zone.
+    """
+
+    top: float
+    gain: float
+    loss: float
+    passing: float
+    changing: float
+
+    def speeds(self, first: Array, last: Array) -> tuple[Array, Array]:
+        """The speeds between zones, and the durations; ``first`` and ``last`` are rows of (speed, time) in zones.
+
+        The results have a row for each row of ``first`` and a column for each of ``last``; impossible durations are
+        infinite.
+        """
+        (enter, entry), (leave, leaving) = first.T[:, :, None], last.T[:, None, :]
+        gain = np.where(enter > 0.0, self.changing, self.gain)
+        loss = np.where(leave > 0.0, self.changing, self.loss)
+        left = 1.0 - (enter * entry + leave * leaving) / 2.0
+        top = np.where((enter > 0.0) | (leave > 0.0), min(self.top, self.passing), self.top)
+        reached = (2.0 * left + enter**2 / gain + leave**2 / loss) / (1.0 / gain + 1.0 / loss)
+        peak = np.minimum(top, np.sqrt(np.maximum(reached, 0.0)))
+        ramps = (peak**2 - enter**2) / (2.0 * gain) + (peak**2 - leave**2) / (2.0 * loss)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cruise = np.maximum(left - ramps, 0.0) / peak
+        seconds = entry + leaving + (peak - enter) / gain + (peak - leave) / loss + cruise
+        possible = (left >= 0.0) & (peak > 0.0) & (peak >= np.maximum(enter, leave) - 1e-12)
+        return peak, np.where(possible, seconds, np.inf)
+
+    def profile(self, first: Array, last: Array) -> Profile:
+        """The profile between a row of (speed, time) in the zone at the start, and one at the end."""
+        ((peak,),), ((duration,),) = self.speeds(first[None], last[None])
+        (enter, entry), (leave, leaving) = first, last
+        rising = (peak - enter) / (self.changing if enter > 0.0 else self.gain)
+        falling = (peak - leave) / (self.changing if leave > 0.0 else self.loss)
+        times = np.array([0.0, entry, entry + rising, duration - leaving - falling, duration - leaving, duration])
+        speeds, kept = np.array([0.0, enter, peak, peak, leave, 0.0]), np.append(np.diff(times) > 1e-12, True)
+        kept[0] = True
+        return Profile(tuple(times[kept].tolist()), tuple(speeds[kept].tolist()), float(entry), float(leaving))
+
+
+REST = np.zeros(2)
+"""The speed and the time in a zone where a move begins or ends at rest."""
+
+
 def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile:
-    """The fastest trapezoidal profile at which every joint is within its limits on a move."""
+    """The fastest trapezoidal profile from rest to rest at which every joint is within its limits on a move."""
+    return _rates(path, limits, speed).profile(REST, REST)
+
+
+def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
     if not np.ptp(path.q, axis=0).any():
-        return Profile(2.0 / SHORTEST, 4.0 / SHORTEST**2, 4.0 / SHORTEST**2)
+        gain = 4.0 / SHORTEST**2
+        return _Rates(2.0 / SHORTEST, gain, gain, np.inf, gain)
     if len(path.q) == 2:
         travel = np.maximum(np.abs(path.q[1] - path.q[0]), 1e-12)
         gain = float((acceleration / travel).min())
-        return Profile(float((velocity / travel).min()), gain, gain)
+        return _Rates(float((velocity / travel).min()), gain, gain, np.inf, gain)
     # While it accelerates from rest at the rate g, the squared rate of the share s is 2 g s, so that a joint needs
     # g |q' + 2 s q''|; on the part up to s, g is at most the least of what the joints permit. The same holds from the
     # end backwards, where the slope has the other sign.
@@ -132,7 +183,11 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
     for along, turned in ((slope, bend), (-slope[::-1], bend[::-1])):
         rates = (permitted / np.maximum(np.abs(along + 2.0 * shares[:, None] * turned), 1e-12)).min(axis=1)
         reached.append(2.0 * np.minimum.accumulate(rates) * shares)
-    best: Profile | None = None
+    # At the speed PASSING, the bend of the line needs a part of the accelerations; the rest is for changes of the speed
+    passing = PASSING * float(np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min()))
+    changing = float(((1.0 - PASSING**2) * permitted / np.maximum(np.abs(slope), 1e-12)).min())
+    best = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, passing, changing)
+    shortest = np.inf
     cruise = np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min(axis=1))
     for top in SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min()):
         if not all((squares >= top**2).any() for squares in reached):
@@ -140,22 +195,11 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
         first, last = (int(np.argmax(squares >= top**2)) for squares in reached)
         last = len(shares) - 1 - last
         if first <= last and (cruise[first : last + 1] >= top).all():
-            made = Profile(
-                float(top), float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last])))
-            )
-            best = made if best is None or made.duration < best.duration else best
-    return best or Profile(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED)
-
-
-def _largest_passing(curve: CubicSpline, acceleration: Array) -> float:
-    """Shares per second at which a linear move may be passed completely, without an acceleration along it."""
-    bend = np.abs(curve(np.linspace(0.0, 1.0, 2 * len(curve.x)), 2))
-    return float(np.sqrt(SAMPLED * (acceleration / np.maximum(bend, 1e-12)).min()))
-
-
-def together(one: Profile, other: Profile, zone: tuple[float, float]) -> float:
-    """Seconds for which two moves with a zone between them are superposed."""
-    return min(one.seconds_to_end(zone[0]), other.seconds_from_start(zone[1]))
+            gain, loss = float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last])))
+            made = _Rates(float(top), gain, loss, passing, changing)
+            seconds = float(made.speeds(REST[None], REST[None])[1].item())
+            best, shortest = (made, seconds) if seconds < shortest else (best, shortest)
+    return best
 
 
 def spline_of(path: JointPath) -> CubicSpline:
@@ -185,11 +229,12 @@ def controller_motion(
 ) -> ControllerMotion:
     """The motion of moves; with ``optional`` a zone that saves no time becomes a stop, as where both moves reverse."""
     moves = list(moves)
-    planned = list(moves)
-    profiles = [fastest(move.path, limits, move.speed) for move in moves]
-    for k, (move, profile) in enumerate(zip(moves, profiles, strict=True)):
+    rates = [_rates(move.path, limits, move.speed) for move in moves]
+    for k, (move, own) in enumerate(zip(moves, rates, strict=True)):
         top, gain = (UNLIMITED if stated is None else stated for stated in (move.top, move.gain))
-        profiles[k] = Profile(min(profile.top, top), min(profile.gain, gain), min(profile.loss, gain))
+        rates[k] = _Rates(
+            min(own.top, top), min(own.gain, gain), min(own.loss, gain), own.passing, min(own.changing, gain)
+        )
     curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
 
@@ -203,55 +248,80 @@ def controller_motion(
         needed = curve(at, 1) + (-2.0 if ending else 2.0) * passed * curve(at, 2)
         return needed.min(axis=0), needed.max(axis=0)
 
-    # Where the sum of the accelerations of a joint exceeds its limit, one or both of the moves accelerate less. Where
-    # the moves have similar directions, both keep their speeds until the zone, and change it there in the same time.
-    passing = [np.inf if curve is None else _largest_passing(curve, acceleration) for curve in curves]
-    kept = [False] * len(moves)
+    # What each joint needs in a zone, and the ratio of the speeds for which the change of the velocities is small
+    zones = dict[int, tuple[tuple[float, float], tuple[Array, Array], tuple[Array, Array]]]()
+    usual = dict[int, tuple[Array, Array]]()
     for k, move in enumerate(moves[:-1]):
-        if move.zone is None:
-            continue
-        one, other = profiles[k], profiles[k + 1]
-        slowing = [one.loss * needed for needed in ramp(k, move.zone[0], ending=True)]
-        rising = [other.gain * needed for needed in ramp(k + 1, move.zone[1], ending=False)]
-        best = one.duration + other.duration if optional else np.inf
-        planned[k] = replace(move, zone=None) if optional else move
-        for share in SHARES:
-            # |rising m - slowing share| <= acceleration for the largest m in [0, 1]
-            above = (acceleration + share * slowing[0]) / np.maximum(rising[1], 1e-12)
-            below = (acceleration - share * slowing[1]) / np.maximum(-rising[0], 1e-12)
-            most = min(1.0, float(above.min()), float(below.min()))
-            if most < SHARES[-1]:
-                continue
-            pair = replace(one, loss=share * one.loss), replace(other, gain=most * other.gain)
-            seconds = pair[0].duration + pair[1].duration - together(*pair, move.zone)
-            if seconds < best and not (kept[k] and pair[0].peak < one.peak):
-                best, (profiles[k], profiles[k + 1]), planned[k] = seconds, pair, move
-        # Speeds before and after the zone; the first one is known if the zone at its beginning depends on it
-        first, last = (min(p.top, float(np.sqrt(2.0 * rate))) for p, rate in ((one, one.gain), (other, other.loss)))
-        first, last = (
-            min(peak, p.peak, most) if np.isfinite(most) else peak
-            for peak, p, most in ((first, one, passing[k]), (last, other, passing[k + 1]))
-        )
-        for before, after in product([one.peak] if kept[k] else first * CORNER_SPEEDS, last * CORNER_SPEEDS):
-            falling = [before * needed / max(one.loss, 1e-12) for needed in slowing]
-            growing = [after * needed / max(other.gain, 1e-12) for needed in rising]
-            needed = np.maximum(growing[1] - falling[0], falling[1] - growing[0]) / acceleration
-            both = max(float(needed.max()), SHORTEST)
-            before, after = float(before), float(after)
-            pair = Profile(before, one.gain, before / both), Profile(after, after / both, other.loss)
-            inside = before * both / 2.0 <= move.zone[0] and after * both / 2.0 <= move.zone[1]
-            seconds = pair[0].duration + pair[1].duration - both
-            if inside and seconds < best and pair[0].peak == before and pair[1].peak == after:
-                best, (profiles[k], profiles[k + 1]), planned[k], kept[k + 1] = seconds, pair, move, True
+        if move.zone is not None:
+            falling, rising = ramp(k, move.zone[0], ending=True), ramp(k + 1, move.zone[1], ending=False)
+            zones[k] = (move.zone, falling, rising)
+            one, other = (sum(both) / (2.0 * acceleration) for both in (falling, rising))
+            along, across = float(one @ other), float(other @ other)
+            if along <= 0.0:
+                along = float(np.sqrt((one @ one) * across))
+            usual[k] = np.atleast_1d(along / max(across, 1e-24)), np.ones(1)
+    # The best speeds at all zones, first of many, then of those near them
+    chosen = list[Array]()
+    for ratios, shares in zip(RATIOS, SPEED_SHARES, strict=True):
+        options = list[Array]()
+        for k in range(len(moves) - 1):
+            rows = np.zeros((1, 5))  # the speed before the zone, that behind it, the time in it, ratio, and share
+            if k in zones:
+                ratio = np.repeat(usual[k][0] * ratios, len(shares))
+                share = np.minimum(np.tile(usual[k][1] * shares, len(ratios)), 1.0)
+                made = _zone_speeds(zones[k], (rates[k], rates[k + 1]), acceleration, ratio, share)
+                rows = np.vstack([rows, made]) if optional else made
+            options.append(rows)
+        chosen = _shortest(rates, options)
+        usual = {k: (chosen[k][3:4], chosen[k][4:5]) if chosen[k][3] else usual[k] for k in usual}
+    ends = [(REST, REST)] + [(row[[0, 2]], row[[1, 2]]) for row in chosen] + [(REST, REST)]
+    profiles = [own.profile(ends[k][1], ends[k + 1][0]) for k, own in enumerate(rates)]
     profiles = [p if m.duration is None else p.lasting(m.duration) for m, p in zip(moves, profiles, strict=True)]
     # Each move begins when the one before enters the zone, so that both are in it until that one ends
     starts = [0.0]
-    for k, move in enumerate(planned[:-1]):
-        both = 0.0 if move.zone is None else together(profiles[k], profiles[k + 1], move.zone)
-        starts.append(starts[-1] + profiles[k].duration - both)
-    return ControllerMotion(
-        tuple(planned), tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves)
+    for before, after in pairwise(profiles):
+        starts.append(starts[-1] + before.duration - min(before.exit, after.entry))
+    planned = tuple(
+        replace(move, zone=None) if optional and k in zones and not chosen[k][2] else move
+        for k, move in enumerate(moves)
     )
+    return ControllerMotion(planned, tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
+
+
+def _zone_speeds(
+    zone: tuple[tuple[float, float], tuple[Array, Array], tuple[Array, Array]],
+    rates: tuple[_Rates, _Rates],
+    acceleration: Array,
+    ratio: Array,
+    share: Array,
+) -> Array:
+    """Rows of the speeds before and behind a zone, the time in it, and the ratio and the share that they are for."""
+    (before, behind), falling, rising = zone
+    # |ratio rising - falling| / time, with a speed of 1 before the zone, is within the accelerations
+    above = (ratio[:, None] * rising[1] - falling[0]) / acceleration
+    below = (falling[1] - ratio[:, None] * rising[0]) / acceleration
+    change = np.maximum(np.maximum(above, below).max(axis=1), 1e-12)
+    # While the speed changes linearly from or to 0, half of speed * time is passed
+    tops = [min(own.top, own.passing) for own in rates]
+    most = np.minimum(tops[0], tops[1] / ratio)
+    most = np.minimum(most, np.minimum(np.sqrt(2.0 * before / change), np.sqrt(2.0 * behind / (ratio * change))))
+    speed = share * most
+    return np.stack([speed, ratio * speed, np.maximum(speed * change, SHORTEST), ratio, share], axis=1)
+
+
+def _shortest(rates: Sequence[_Rates], options: Sequence[Array]) -> list[Array]:
+    """The row of ``options`` at the end of each move but the last, with which the motion is the shortest."""
+    rest = np.zeros((1, 5))
+    before, cost, via = rest, np.zeros(1), list[Array]()
+    for own, rows in zip(rates, [*options, rest], strict=True):
+        costs = cost[:, None] + own.speeds(before[:, [1, 2]], rows[:, [0, 2]])[1] - rows[:, 2]
+        via.append(costs.argmin(axis=0))
+        before, cost = rows, costs.min(axis=0)
+    number, chosen = 0, list[Array]()
+    for rows, best in zip(options[::-1], via[:0:-1], strict=True):
+        number = int(best[number])
+        chosen.append(rows[number])
+    return chosen[::-1]
 
 
 def _trajectory(
@@ -265,7 +335,7 @@ def _trajectory(
     knots = [0.0]
     for move, profile, start in zip(moves, profiles, starts, strict=True):
         end = start + profile.duration
-        knots += [start, start + profile.ramps[0], end - profile.ramps[1], end]
+        knots += [start + at for at in profile.times]
         if len(move.path.q) > 2:
             knots += np.linspace(start, end, 2 * len(move.path.q)).tolist()
     times = np.unique(np.round(knots, 9))

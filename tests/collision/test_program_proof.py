@@ -12,16 +12,9 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import certify_program, export_program
-from pinproof.collision.certificates.program_proof import (
-    ROUNDED,
-    UNIT,
-    blend_cover,
-    interpolation_difference,
-    levers,
-    shortest_durations,
-    trace_line,
-    zone_shares,
-)
+from pinproof.collision.certificates.linear_traces import ROUNDED, UNIT, interpolation_difference, levers, trace_line
+from pinproof.collision.certificates.program_limits import shortest_durations
+from pinproof.collision.certificates.program_parts import blend_cover, zone_shares
 from pinproof.errors import InputError
 from pinproof.motion import (
     Blend,

@@ -27,31 +27,38 @@ from pinproof.collision.certificates.path_constraints import (
     check_constraints as check_constraints,
     held_together as held_together,
 )
-from pinproof.collision.certificates.program_proof import (
-    COVERED as COVERED,
-    SAMPLES as SAMPLES,
-    TRIED as TRIED,
-    BlendedMoves as BlendedMoves,
-    ExecutedPart as ExecutedPart,
+from pinproof.collision.certificates.linear_traces import (
     LineTrace as LineTrace,
-    ProgramCertificate as ProgramCertificate,
-    ProgramPart as ProgramPart,
-    blended_moves as blended_moves,
-    certify_program as certify_program,
-    executed_parts as executed_parts,
-    export_program as export_program,
     interpolation_difference as interpolation_difference,
-    largest_zone as largest_zone,
-    moves_between_rests as moves_between_rests,
+    trace_line as trace_line,
+)
+from pinproof.collision.certificates.program_limits import (
     overlaps as overlaps,
-    program_motions as program_motions,
     shortest_durations as shortest_durations,
     speed_violations as speed_violations,
-    timed_step as timed_step,
     tool_fault as tool_fault,
-    trace_line as trace_line,
-    traced as traced,
     unknown_speeds as unknown_speeds,
+)
+from pinproof.collision.certificates.program_moves import (
+    COVERED as COVERED,
+    SAMPLES as SAMPLES,
+    BlendedMoves as BlendedMoves,
+    EndLine as EndLine,
+    blended_moves as blended_moves,
+    moves_between_rests as moves_between_rests,
+    timed_step as timed_step,
+)
+from pinproof.collision.certificates.program_parts import (
+    ExecutedPart as ExecutedPart,
+    executed_parts as executed_parts,
+    program_motions as program_motions,
+    traced as traced,
+)
+from pinproof.collision.certificates.program_proof import (
+    ProgramCertificate as ProgramCertificate,
+    ProgramPart as ProgramPart,
+    certify_program as certify_program,
+    export_program as export_program,
 )
 from pinproof.collision.certificates.proof_file import verify_proof as verify_proof
 from pinproof.collision.certificates.reuse import SetupChange as SetupChange, StoredProof as StoredProof

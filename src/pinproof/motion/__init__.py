@@ -8,6 +8,7 @@ from pinproof.motion.controller_time import (
     controller_motion as controller_motion,
     fastest as fastest,
     fewest_moves as fewest_moves,
+    meeting as meeting,
     stop_times as stop_times,
     with_corners as with_corners,
 )
@@ -24,6 +25,7 @@ from pinproof.motion.curve import (
     split as split,
 )
 from pinproof.motion.dialects import (
+    Dialect as Dialect,
     dialect_of_file as dialect_of_file,
     find_dialect as find_dialect,
     is_program_file as is_program_file,

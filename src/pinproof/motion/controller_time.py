@@ -17,8 +17,10 @@ Overview*, interpolation of corner paths.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -41,8 +43,8 @@ SAMPLED = 0.995
 UNLIMITED = 1e6
 # Ratios of the speeds behind and before a zone that are compared, as factors of the usual one, and shares of the
 # largest speeds with each of them; first widely, then near the best ones.
-RATIOS = np.geomspace(1 / 6.0, 6.0, 15), np.geomspace(0.8, 1.25, 7)
-SPEED_SHARES = np.array([1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.12]), np.geomspace(0.85, 1.18, 7)
+RATIOS = np.geomspace(0.2, 5.0, 9), np.geomspace(0.75, 1.33, 7)
+SPEED_SHARES = np.array([1.0, 0.8, 0.6, 0.4, 0.2]), np.geomspace(0.85, 1.18, 5)
 # Share of the largest speed of passing a linear move that is used between zones; the bend of the line then needs half
 # of the accelerations.
 PASSING = 0.7
@@ -186,22 +188,23 @@ def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     # At the speed PASSING, the bend of the line needs a part of the accelerations; the rest is for changes of the speed
     passing = PASSING * float(np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min()))
     changing = float(((1.0 - PASSING**2) * permitted / np.maximum(np.abs(slope), 1e-12)).min())
-    best = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, passing, changing)
-    shortest = np.inf
     cruise = np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min(axis=1))
-    for top in SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min()):
-        if not all((squares >= top**2).any() for squares in reached):
-            break
-        first, last = (int(np.argmax(squares >= top**2)) for squares in reached)
-        last = len(shares) - 1 - last
-        if first <= last and (cruise[first : last + 1] >= top).all():
-            gain, loss = float(top**2 / (2.0 * shares[first])), float(top**2 / (2.0 * (1.0 - shares[last])))
-            made = _Rates(float(top), gain, loss, passing, changing)
-            seconds = float(made.speeds(REST[None], REST[None])[1].item())
-            best, shortest = (made, seconds) if seconds < shortest else (best, shortest)
+    tops = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
+    first, last = (np.searchsorted(np.maximum.accumulate(squares), tops**2) for squares in reached)
+    tops = tops[(first < len(shares)) & (last < len(shares))]
+    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, passing, changing), np.inf
+    for top, begin, left in zip(tops.tolist(), first.tolist(), last.tolist(), strict=False):
+        end = len(shares) - 1 - left
+        if begin <= end and cruise[begin : end + 1].min() >= top:
+            gain, loss = top**2 / (2.0 * float(shares[begin])), top**2 / (2.0 * (1.0 - float(shares[end])))
+            peak = min(top, math.sqrt(2.0 / (1.0 / gain + 1.0 / loss)))
+            seconds = 1.0 / peak + peak * (1.0 / gain + 1.0 / loss) / 2.0
+            if seconds < shortest:
+                best, shortest = _Rates(top, gain, loss, passing, changing), seconds
     return best
 
 
+@lru_cache(maxsize=64)
 def spline_of(path: JointPath) -> CubicSpline:
     """The curve through the points of a move, by the share of it that is passed."""
     from scipy.interpolate import CubicSpline
@@ -303,6 +306,7 @@ def _zone_speeds(
     change = np.maximum(np.maximum(above, below).max(axis=1), 1e-12)
     # While the speed changes linearly from or to 0, half of speed * time is passed
     tops = [min(own.top, own.passing) for own in rates]
+    ratio = np.maximum(ratio, 1e-9)
     most = np.minimum(tops[0], tops[1] / ratio)
     most = np.minimum(most, np.minimum(np.sqrt(2.0 * before / change), np.sqrt(2.0 * behind / (ratio * change))))
     speed = share * most
@@ -360,6 +364,14 @@ def _trajectory(
 TANGENTS = (1, 2, 3, 5)
 
 
+def meeting(ends: Array, slopes: Array, number: int) -> Array | None:
+    """The corner (n,) in which the tangents of a motion at two points meet, ``number`` samples apart; or None."""
+    steps = np.linalg.lstsq(slopes.T, ends[1] - ends[0], rcond=None)[0]
+    if not ((steps > 0.0).all() and (steps < 2.0 * number).all()):
+        return None
+    return np.asarray((ends[0] + steps[0] * slopes[0] + ends[1] - steps[1] * slopes[1]) / 2.0)
+
+
 def with_corners(points: Array, limits: JointLimits) -> Array:
     """Points (k, n) of a motion with more points beside them: the corners in which tangents of the motion meet.
 
@@ -372,10 +384,9 @@ def with_corners(points: Array, limits: JointLimits) -> Array:
         for number in TANGENTS:
             if k - number < 0 or k + number >= len(points):
                 continue
-            ends, slopes = points[[k - number, k + number]], tangents[[k - number, k + number]]
-            steps = np.linalg.lstsq(slopes.T, ends[1] - ends[0], rcond=None)[0]
-            if (steps > 0.0).all() and (steps < 4.0 * number).all():
-                corner = (ends[0] + steps[0] * slopes[0] + ends[1] - steps[1] * slopes[1]) / 2.0
+            both = [k - number, k + number]
+            corner = meeting(points[both], tangents[both], 2 * number)
+            if corner is not None:
                 rows.append(np.clip(corner, limits.lower, limits.upper))
     return np.array(rows)
 

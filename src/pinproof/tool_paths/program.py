@@ -272,7 +272,7 @@ def _between(checker: CollisionChecker, motion: ProgramMotion, deviation: float,
             made = controller_motion([ControllerMove(trace.path)], arm.limits)
             profile = made.profiles[0].lasting(max(made.duration, own.duration))
             return [timed_step(arm, made.moves[0], profile, None, linear=True)]
-    return moves_between_rests(own, checker, deviation, find_dialect(dialect).zones, linear=False)[1:]
+    return moves_between_rests(own, checker, deviation, find_dialect(dialect), linear=False)[1:]
 
 
 def _along(

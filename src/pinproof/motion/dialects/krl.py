@@ -52,6 +52,7 @@ class Krl(Dialect):
     comment_mark = "; pinproof:"
     outputs = "1"
     zones = tuple(Blend(radius, 0.5) for radius in RADII)
+    common_zone = True
     deviation = 0.002
     remark = ("; ", "")
     required = (0,)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -17,9 +17,9 @@ import numpy as np
 from pinproof.collision import (
     COVERED,
     SAMPLES,
-    TRIED,
     Certificate,
     CertificateStatus,
+    EndLine,
     ExecutedPart,
     blended_moves,
     executed_parts,
@@ -42,6 +42,7 @@ from pinproof.motion import (
     CheckInput,
     ControllerMotion,
     ControllerMove,
+    Dialect,
     JointMap,
     JointMove,
     JointPath,
@@ -65,7 +66,6 @@ from pinproof.motion import (
     is_program_file,
     make_program,
     time_parametrise,
-    with_corners,
 )
 from pinproof.picks.input.pick import RETURN, Pick
 from pinproof.picks.input.picks import MOUNTED
@@ -185,7 +185,7 @@ def export_picks(
     for allowed in [usual / 2**k for k in range(HALVED)] if deviation is None else [deviation]:
         final = deviation is not None or allowed == usual / 2 ** (HALVED - 1)
         try:
-            steps, executed = _steps_of_picks(setup, picks, tool, output, allowed, find_dialect(dialect).zones)
+            steps, executed = _steps_of_picks(setup, picks, tool, output, allowed, find_dialect(dialect))
         except NoMoves:
             if final:
                 raise
@@ -214,13 +214,13 @@ def _steps_of_picks(
     tool: ToolData,
     output: str,
     deviation: float,
-    zones: Sequence[Blend],
+    language: Dialect,
 ) -> tuple[list[Step], list[ProgramPick]]:
     """The steps of picks, and the picks with the numbers of their moves; NoMoves if moves are not proven."""
     steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
     executed, stated = list[ProgramPick](), setup.shared.program
     for pick, program in picks:
-        made, load = PickMoves(setup, pick, program, deviation, zones), part_load(setup, tool, pick, program)
+        made, load = PickMoves(setup, pick, program, deviation, language), part_load(setup, tool, pick, program)
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
@@ -243,6 +243,9 @@ def _steps_of_picks(
 HALVED = 4
 """Number of deviations that are compared, each half of the one before."""
 
+ENOUGH = 1.03
+"""Duration of moves, in that of the certified motion, below which no faster ones are searched."""
+
 ROUNDS = 6
 """How often moves are made slower until all limits are kept."""
 
@@ -259,14 +262,12 @@ class _Line:
     path: JointPath
     straight: float
 
-    def shares(self) -> tuple[float, ...]:
-        """The shares of the line that a linear move may have, next to the part."""
-        return (1.0,) if self.straight == 1.0 else (1.0, (1.0 + self.straight) / 2.0, self.straight)
-
-    def cut(self, share: float) -> JointPath:
-        """The part of the line next to the part."""
-        count = max(round(share * (len(self.path.q) - 1)), 2)
-        return JointPath(self.path.q[: count + 1], self.path.joint_names)
+    def ends(self, *, entering: bool) -> Iterator[EndLine]:
+        """The linear moves next to the part, with the share of each that a zone may use, from the longest one."""
+        for share in (1.0,) if self.straight == 1.0 else (1.0, (1.0 + self.straight) / 2.0, self.straight):
+            count = max(round(share * (len(self.path.q) - 1)), 2)
+            path = JointPath(self.path.q[: count + 1], self.path.joint_names)
+            yield EndLine(path.reversed() if entering else path, min(0.5, max(0.0, 1.0 - self.straight / share)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,10 +287,10 @@ class PickMoves:
     """
 
     def __init__(
-        self, setup: PickSetup, pick: Pick, program: MotionProgram, deviation: float, zones: Sequence[Blend]
+        self, setup: PickSetup, pick: Pick, program: MotionProgram, deviation: float, language: Dialect
     ) -> None:
         self._task, self._member = setup.made_by(pick, program.member)
-        self._arm, self._deviation, self._zones = setup.checker.arm, deviation, zones
+        self._arm, self._deviation, self._language = setup.checker.arm, deviation, language
         self.moves: dict[str, list[JointMove | LinearMove]] = {segment.name: [] for segment in program.segments}
         stretch, here = list[ProgramSegment](), program.segments[0].trajectory.start
         for segment in program.segments:
@@ -328,20 +329,7 @@ class PickMoves:
             stages = (out.stage,)
             best = _Moves(stages, (None,), self._within_limits(stages, [ControllerMove(out.path)]))
         else:
-            # The line shares with which the moves are the fastest; then their corners are compared with others
-            options = [
-                (leaving, entering)
-                for leaving in ((None,) if out is None else out.shares())
-                for entering in ((None,) if into is None else into.shares())
-            ]
-            made = [self._between(stretch, (here, end), (out, into), shares) for shares in options]
-            proven = [(moves, shares) for moves, shares in zip(made, options, strict=True) if moves is not None]
-            if not proven:
-                what = " and ".join(segment.name for segment in stretch)
-                raise NoMoves(f"pick {pick.name!r}: no joint moves for {what} are proven collision-free")
-            first, shares = min(proven, key=lambda each: each[0].motion.duration)
-            again = self._between(stretch, (here, end), (out, into), shares, compared=TRIED)
-            best = min((each for each in (first, again) if each), key=lambda moves: moves.motion.duration)
+            best = self._between(stretch, (here, end), (out, into))
         names = [segment.name for segment in stretch]
         for stage, blend, move, profile in zip(
             best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True
@@ -362,22 +350,15 @@ class PickMoves:
         return _Line(stage, trace.path, straight)
 
     def _between(
-        self,
-        stretch: Sequence[ProgramSegment],
-        ends: tuple[Array, Array],
-        lines: tuple[_Line | None, _Line | None],
-        shares: tuple[float | None, float | None],
-        *,
-        compared: int = 0,
-    ) -> _Moves | None:
-        """The moves from one stop to the next, with shares of the lines next to it; None if they are not proven."""
+        self, stretch: Sequence[ProgramSegment], ends: tuple[Array, Array], lines: tuple[_Line | None, _Line | None]
+    ) -> _Moves:
+        """The fastest proven moves from one stop to the next, with the lines next to it."""
         part = next(own for own in self._parts.values() if own.name in FREE_MOTIONS)
         stage = "transit" if part.name == "pick" else part.name
-        both = list(zip(lines, shares, strict=True))
-        # What remains of the lines, the shares of them that zones may use, and the ends of the joint moves
-        cut = [None if line is None else line.cut(share or 1.0) for line, share in both]
-        passed = [0.5 if line is None else 1.0 - line.straight / (share or 1.0) for line, share in both]
-        first, last = (end if line is None else line.end for end, line in zip(ends, cut, strict=True))
+        leaving, entering = ([] if line is None else list(line.ends(entering=bool(k))) for k, line in enumerate(lines))
+        # The part of the motion between the shortest lines
+        first = leaving[-1].path.end if leaving else ends[0]
+        last = entering[-1].path.start if entering else ends[1]
         motion = np.concatenate(
             [segment.trajectory(np.linspace(0.0, segment.trajectory.duration, 257)) for segment in stretch]
         )
@@ -386,22 +367,19 @@ class PickMoves:
             inner = np.unique(np.linspace(begin, max(finish, begin), count).round().astype(int))[1:-1]
             points = np.vstack([first, motion[inner], last])
             found = blended_moves(
-                with_corners(points, self._arm.limits) if count == SAMPLES[0] else points,
+                points,
                 self._arm,
-                self._zones,
+                self._language,
                 partial(self._proven, part),
-                lines=(cut[0], None if cut[1] is None else cut[1].reversed()),
-                passed=(min(0.5, max(0.0, passed[0])), min(0.5, max(0.0, passed[1]))),
-                compared=compared,
+                lines=(leaving, entering),
+                enough=ENOUGH * sum(segment.trajectory.duration for segment in stretch),
             )
             if found is not None:
-                around = [line is not None for line in lines]
-                stages = [stage] * (len(found.blends) - sum(around))
-                stages = (
-                    [line.stage for line in lines[:1] if line] + stages + [line.stage for line in lines[1:] if line]
-                )
+                joint = [stage] * (len(found.blends) - bool(leaving) - bool(entering))
+                stages = [line.stage for line in lines[:1] if line] + joint + [line.stage for line in lines[1:] if line]
                 return _Moves(tuple(stages), found.blends, self._within_limits(stages, found.motion.moves))
-        return None
+        what = " and ".join(segment.name for segment in stretch)
+        raise NoMoves(f"pick {self._task.pick.name!r}: no joint moves for {what} are proven collision-free")
 
     def _proven(self, part: MotionPart, path: JointPath, extent: Array) -> bool:
         """Whether a free path is proven with an extent (n,) of each joint, the deviation and ``COVERED``."""

@@ -1,0 +1,180 @@
+"""The joint values of an arm whose tcp moves on a straight line, with proven bounds.
+
+The poses of the line are solved at samples. In between, the joint values are bounded as follows. Let J be the Jacobian
+with lengths divided by ``UNIT``, beta the norm of its inverse, and L a bound of the change of J for a unit change of
+the joint values. Along a line of unit speed, q' = J^-1 t with a constant twist t, so |q'| <= beta, and beta grows by at
+most beta' <= L beta^2 |q'| <= L beta^3. Therefore 1 / beta^2 decreases by at most 2 L for each unit of the line, and
+after a distance e the joint values differ by at most (1 / beta - sqrt(1 / beta^2 - 2 L e)) / L, if the root exists. The
+second derivative is -J^-1 J' q', so that |q''| <= L beta^3, and the chord between two samples at the distance e
+deviates by at most L beta^3 e^2 / 8. Within a distance of 1 / (beta L) there is no second solution of a pose.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pinproof.model import Arm
+from pinproof.motion import JointPath
+from pinproof.spatial import Array
+
+UNIT = 0.2
+"""Metres that count as much as one radian, about the size of a wrist."""
+
+CHORD = 2e-4
+"""rad: largest deviation of the joint values from the chords between samples."""
+
+FEWEST, MOST = 8, 8192
+"""Numbers of samples of a line."""
+
+SOLVED = 1e-11
+"""rad, and metres over ``UNIT``: error of a pose at which it is solved."""
+
+SINGULAR = 1e-6
+"""Ratio of the smallest to the largest singular value of the Jacobian below which the arm is singular."""
+
+ATTEMPTS = 10
+"""Newton steps for a pose."""
+
+ROUNDED = 1e-9
+"""rad: allowance for the errors of the poses at the samples."""
+
+TURN_STEP = 1e-3
+"""rad: sum of the rotations between two steps at which the documented interpolations of orientations are compared."""
+
+TURN_ALLOWANCE = 1.25
+"""Factor of the largest difference between the documented interpolations that is covered."""
+
+
+class LineTrace(NamedTuple):
+    """The joint values along a line, and how far (rad) each joint may be off them; the reason if that is not known."""
+
+    path: JointPath
+    tolerance: float
+    reason: str = ""
+
+
+def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
+    """Return the joint values of an arm whose tcp moves on a straight line from ``start`` to a pose.
+
+    The last six joints, which must be revolute, follow the line; joints before them, such as a rail, rest.
+    """
+    first = arm.forward_kinematics(start)
+    shift, turn = target.translation - first.translation, pin.log3(first.rotation.T @ target.rotation)
+    length, angle = float(np.linalg.norm(shift)) / UNIT, float(np.linalg.norm(turn))
+    nothing = JointPath(start[None], arm.joint_names)
+    if arm.dof < 6 or not arm.angular[-6:].all():
+        return LineTrace(nothing, 0.0, "only arms whose last six joints are revolute are supported")
+    whole, between = float(np.hypot(length, angle)), interpolation_difference(turn)
+    change = np.sqrt(6.0 * (1.0 + (levers(arm)[-6:] / UNIT) ** 2).sum())
+    count, reason = max(FEWEST, int(whole / 0.01) + 1), ""
+    while count <= MOST:
+        poses = [
+            pin.SE3(first.rotation @ pin.exp3(s * turn), first.translation + s * shift)
+            for s in np.linspace(0.0, 1.0, count + 1)
+        ]
+        q, inverse, reason = solve_poses(arm, start, poses)
+        if reason:
+            return LineTrace(nothing, 0.0, reason)
+        chord, tube = _bounds(q, inverse, whole / count, change, between)
+        if chord <= CHORD and np.isfinite(tube):
+            return LineTrace(JointPath(q, arm.joint_names), chord + tube + ROUNDED)
+        if chord <= CHORD:
+            how = (
+                f"it rotates the tool by {angle:.2g} rad, and interpolations of the orientation differ by {between:.2g}"
+            )
+            return LineTrace(nothing, 0.0, how)
+        # The steps that the bounds need, if the norm does not exceed that at the samples by much.
+        needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
+        count = max(2 * count, int(1.3 * whole * needed))
+    return LineTrace(nothing, 0.0, "the arm is near a singularity on it")
+
+
+def interpolation_difference(turn: Array) -> float:
+    """Return a bound (rad) of the difference between the documented interpolations of an orientation, and more.
+
+    The rotation ``turn`` (3,) is executed about one axis at a constant rate, or with two angles: an axis of the tool
+    moves on a great circle while the tool rotates about it, both at a constant rate. Any axis of the tool may be that
+    one. Between two samples the difference changes by at most the rates of all these rotations.
+    """
+    largest, whole = 0.0, pin.exp3(turn)
+    for axis in np.eye(3) if turn.any() else ():
+        swing, cosine = np.cross(axis, whole @ axis), float(axis @ whole @ axis)
+        sine = float(np.linalg.norm(swing))
+        if sine < SOLVED and cosine < 0.0:  # any great circle leads there
+            return float(np.pi)
+        swing *= np.arctan2(sine, cosine) / max(sine, SOLVED)
+        spin = axis * float(axis @ pin.log3(pin.exp3(swing).T @ whole))
+        rates = float(sum(np.linalg.norm(rotation) for rotation in (turn, swing, spin)))
+        count = int(rates / TURN_STEP) + 1
+        for share in np.linspace(0.0, 1.0, count + 1):
+            apart = pin.log3(pin.exp3(share * turn).T @ pin.exp3(share * swing) @ pin.exp3(share * spin))
+            largest = max(largest, float(np.linalg.norm(apart)) + rates / (2 * count))
+    return min(TURN_ALLOWANCE * largest, float(np.pi))
+
+
+def levers(arm: Arm) -> Array:
+    """(n,) motion of the tcp for a unit of each joint: at most this, in m/rad, or 1 for a prismatic joint."""
+    model, tcp = arm.model, arm.model.frames[arm.tcp_id]
+    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
+    most = np.maximum(np.abs(arm.limits.lower), np.abs(arm.limits.upper))
+    most = (np.abs(arm.scale) * np.where(arm.scale == 0.0, 0.0, most)).sum(axis=1) + np.abs(arm.offset)
+    travels = {  # of prismatic joints, which move the tcp away from the axes before them
+        joint: most[joint - 1] for joint in joints if model.joints[joint].shortname().startswith("JointModelP")
+    }
+    between = [np.linalg.norm(model.jointPlacements[joint].translation) for joint in joints]
+    offsets = [gap + travels.get(joint, 0.0) for joint, gap in zip(joints[1:], between[1:], strict=True)]
+    offsets.append(np.linalg.norm(tcp.placement.translation))
+    each = {joint: 1.0 if joint in travels else sum(offsets[k:]) for k, joint in enumerate(joints)}
+    return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
+
+
+def solve_poses(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Array, str]:
+    """The joint values (k, n) at poses, each solved from the previous one, and (k,) the norms of the inverse of J."""
+    scale = np.array([1.0 / UNIT] * 3 + [1.0] * 3)
+    rows, norms, q, reason = list[Array](), list[float](), start.copy(), ""
+    for pose in poses:
+        for _ in range(ATTEMPTS):  # Newton's method
+            here = arm.forward_kinematics(q)
+            turn = here.rotation @ pin.log3(here.rotation.T @ pose.rotation)
+            error = scale * np.concatenate([pose.translation - here.translation, turn])
+            jacobian = scale[:, None] * arm.jacobian(q)[:, -6:]
+            if np.abs(error).max() <= SOLVED:
+                break
+            try:
+                q = np.concatenate([q[:-6], q[-6:] + np.linalg.solve(jacobian, error)])
+            except np.linalg.LinAlgError:
+                reason = "the arm is singular on it"
+                break
+        else:
+            reason = "the arm cannot follow it"
+        if reason:
+            break
+        # The smallest singular value bounds the inverse of the Jacobian.
+        values = np.linalg.svd(jacobian, compute_uv=False)
+        if values[-1] < SINGULAR * values[0]:
+            reason = "the arm is singular on it"
+            break
+        rows.append(q)
+        norms.append(1.0 / values[-1])
+    return np.array(rows), np.array(norms), reason
+
+
+def _bounds(q: Array, inverse: Array, step: float, change: float, turn: float) -> tuple[float, float]:
+    """Bounds (rad) of the deviation from the chords of samples (k, n), and of that by ``turn`` of the orientation.
+
+    Infinite if the samples are too far apart, or may be on different branches; see the top of this module.
+    """
+    # After a whole step from either end of it; each sample begins or ends one.
+    least = 1.0 / inverse**2 - 2.0 * change * step
+    near = np.linalg.norm(np.diff(q, axis=0), axis=1) * np.maximum(inverse[1:], inverse[:-1]) * change < 0.5
+    if (least <= 0).any() or not near.all():
+        return np.inf, np.inf
+    largest = 1.0 / np.sqrt(least)
+    chord = float((change * largest**3).max() * step**2 / 8.0)
+    left = least - 2.0 * change * turn
+    if (left <= 0).any():
+        return chord, np.inf
+    return chord, float(((np.sqrt(least) - np.sqrt(left)) / change).max())

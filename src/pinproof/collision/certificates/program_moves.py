@@ -1,0 +1,357 @@
+"""The moves of a program: few proven joint moves, with zones with which the controller needs little time."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pinproof.collision.certificates.certify import is_proven_free
+from pinproof.collision.certificates.linear_traces import trace_line
+from pinproof.collision.certificates.program_parts import SAME_END, ZoneSide, blend_cover
+from pinproof.collision.checking.checker import CollisionChecker
+from pinproof.model import Arm
+from pinproof.motion import (
+    Blend,
+    ControllerMotion,
+    ControllerMove,
+    Curve,
+    Dialect,
+    JointMove,
+    JointPath,
+    LinearMove,
+    Profile,
+    Step,
+    TimedCurve,
+    controller_motion,
+    fastest,
+    fewest_moves,
+    stop_times,
+    with_corners,
+)
+from pinproof.spatial import Array
+
+SAMPLES = (25, 97)
+"""Numbers of points of a motion among which the ends of joint moves are chosen."""
+
+COVERED = 4e-4
+"""rad: what moves are proven with beside the deviation, because joint values are rounded and linear moves traced."""
+
+TRIED, SAVED = 48, 1e-3
+"""Number of changes of moves whose zones are proven, and seconds that one must save."""
+
+NEAR = 8
+"""Number of points that are compared for each corner."""
+
+MOVED, WIDEST, LEAST_WIDTH = 16, 0.1, 0.006
+"""Number of random changes of corners, and the largest and smallest of their standard deviations (rad)."""
+
+EACH_TIME = 6
+"""Number of changes, of those that would save most time with the largest zones, whose zones are proven."""
+
+FOR_MOVE = 0.01
+"""Seconds that another move must save."""
+
+TANGENTS = (0.25, 0.5, 1.0, 2.0)
+"""Points on the tangent of the end of a linear move, in lengths of this move."""
+
+ON_LINE = 0.004
+"""rad: by how much a motion may be off the joint values of a linear move that replaces it."""
+
+
+def timed_step(
+    arm: Arm, move: ControllerMove, profile: Profile, blend: Blend | None, *, linear: bool
+) -> JointMove | LinearMove:
+    """Return the step of a move with its duration and its speed, of which a language states what it can."""
+    q = move.path.end
+    if not linear:
+        percent = round(100 * profile.peak / fastest(move.path, arm.limits).peak)
+        return JointMove(q, profile.duration, blend, percent=min(max(percent, 1), 100))
+    first, last = (arm.forward_kinematics(end) for end in (move.path.start, q))
+    speed = profile.peak * float(np.linalg.norm(last.translation - first.translation))
+    return LinearMove(q, last, profile.duration, speed=speed, blend=blend)
+
+
+class BlendedMoves(NamedTuple):
+    """Moves from a stop to the next one by the rules of the controller, with the blend at the end of each."""
+
+    motion: ControllerMotion
+    blends: tuple[Blend | None, ...]
+
+
+class EndLine(NamedTuple):
+    """A linear move next to joint moves, and the share of it that a zone may use."""
+
+    path: JointPath
+    passed: float
+
+
+class _Choice(NamedTuple):
+    """The numbers of the linear moves before and after joint moves, and the points of these moves."""
+
+    leaving: int
+    entering: int
+    points: tuple[tuple[float, ...], ...]
+
+
+class _MovesSearch:
+    """Moves from a stop to the next one, of which lines, zones and durations are computed once."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        language: Dialect,
+        proven: Callable[[JointPath, Array], bool],
+        lines: tuple[Sequence[EndLine], Sequence[EndLine]],
+    ) -> None:
+        self._arm, self._zones, self._proven, self._common = arm, language.zones, proven, language.common_zone
+        self._leaving, self._entering = lines
+        self._known = dict[tuple[bytes, bytes], bool]()
+        self._sides = dict[tuple[int, bytes], list[tuple[float, float]]]()
+        self._corners = dict[tuple[int, int, bytes, bytes, bool], int]()
+
+    def line_proven(self, one: Array, other: Array) -> bool:
+        """Whether a joint move is proven."""
+        pair = (one.tobytes(), other.tobytes())
+        if pair not in self._known:
+            path = JointPath(np.stack([one, other]), self._arm.joint_names)
+            self._known[pair] = self._proven(path, np.zeros(self._arm.dof))
+        return self._known[pair]
+
+    def lines_proven(self, choice: _Choice) -> bool:
+        """Whether all joint moves of a choice are proven."""
+        return all(self.line_proven(*pair) for pair in pairwise(np.array(choice.points)))
+
+    def _shares(self, path: JointPath) -> list[tuple[float, float]]:
+        """The shares of a move from its start that each zone there may use, and does."""
+        side = (len(path.q), path.q[[0, 1, -1]].tobytes())
+        if side not in self._sides:
+            move = ZoneSide(self._arm, path.q)
+            self._sides[side] = [move.shares(blend) for blend in self._zones]
+        return self._sides[side]
+
+    def _zone(self, into: JointPath, out: JointPath, allowed: tuple[float, float], *, proven: bool) -> int:
+        """The number of the largest zone that uses at most the allowed shares, and is proven if asked.
+
+        A smaller zone is covered where a larger one is, so that few of them are proven.
+        """
+        key = (len(into.q), len(out.q), into.q[[0, -1]].tobytes(), out.q[[0, -1]].tobytes(), proven)
+        if key not in self._corners:
+            pairs = list(zip(self._shares(into.reversed()), self._shares(out), strict=True))
+            numbers = [
+                k for k, shares in enumerate(pairs) if all(s[0] <= a for s, a in zip(shares, allowed, strict=True))
+            ]
+            first = bisect_left(
+                numbers,
+                True,
+                key=lambda k: not proven or self._proven(*blend_cover(self._zones[k], self._arm, into, out)),
+            )
+            self._corners[key] = numbers[first] if first < len(numbers) else len(self._zones)
+        return self._corners[key]
+
+    def made(self, choice: _Choice, *, proven: bool = True) -> BlendedMoves | None:
+        """The moves of a choice with their largest zones; None if a move is not proven."""
+        points = np.array(choice.points)
+        if proven and not self.lines_proven(choice):
+            return None
+        paths = [JointPath(pair, self._arm.joint_names) for pair in pairwise(points)]
+        shares = [0.5] * len(paths)
+        for number, side, at in ((choice.leaving, self._leaving, 0), (choice.entering, self._entering, len(paths) + 1)):
+            if side:
+                paths.insert(at, side[number].path)
+                shares.insert(at, side[number].passed)
+        corners = list(pairwise(paths))
+        found = [self._zone(*pair, most, proven=proven) for pair, most in zip(corners, pairwise(shares), strict=True)]
+        # All zones are as large as the smallest one where the language has one size, or some points are stops
+        sizes = sorted({number for number in found if number < len(self._zones)}) if self._common else [0]
+        best: BlendedMoves | None = None
+        for size in sizes or [0]:
+            used = [
+                max(number, size) if not self._common else size if number <= size else len(self._zones)
+                for number in found
+            ]
+            blends = [None if number == len(self._zones) else self._zones[number] for number in used]
+            ends = [
+                None
+                if number == len(self._zones)
+                else (self._shares(into.reversed())[number][1], self._shares(out)[number][1])
+                for (into, out), number in zip(corners, used, strict=True)
+            ]
+            moves = [ControllerMove(path, None, zone) for path, zone in zip(paths, [*ends, None], strict=True)]
+            motion = controller_motion(moves, self._arm.limits, optional=True)
+            kept = (blend if move.zone else None for move, blend in zip(motion.moves, [*blends, None], strict=True))
+            if best is None or motion.duration < best.motion.duration:
+                best = BlendedMoves(motion, tuple(kept))
+        return best
+
+    def changed(self, choice: _Choice, points: Array) -> Iterator[_Choice]:
+        """Choices that differ in a linear move, or in one point."""
+        limits, inner = self._arm.limits, choice.points
+        for k in range(max(len(self._leaving), 1)):
+            for m in range(max(len(self._entering), 1)):
+                yield self.with_lines(choice, k, m)
+        tangent = np.concatenate(self.tangents(choice))
+        points, tangents = np.concatenate([points, tangent]), len(tangent)
+        most = 1 + bool(self._leaving) + bool(self._entering)
+        for k in range(1, len(inner)):
+            ends = [np.array(inner[k - 1]), np.array(inner[k])]
+            if k < len(inner) - 1:  # another corner, or none
+                yield choice._replace(points=(*inner[:k], *inner[k + 1 :]))
+                ends[1] = np.array(inner[k + 1])
+            elif len(inner) > most + 1:
+                continue
+            replaced = inner[k + 1 :] if k < len(inner) - 1 else inner[k:]
+            (into, ramp), (out, other) = (stop_times(end, points, limits) for end in ends)
+            nearest = np.argsort(into + out - np.minimum(ramp, other))[:NEAR].tolist()
+            nearest += range(len(points) - tangents, len(points))
+            for number in dict.fromkeys(nearest):
+                yield choice._replace(points=(*inner[:k], tuple(points[number].tolist()), *replaced))
+            if k < len(inner) - 1 and len(inner) <= most + 1:  # one more corner before this one
+                for number in range(len(points) - tangents, len(points)):
+                    yield choice._replace(points=(*inner[:k], tuple(points[number].tolist()), *inner[k:]))
+
+    def moved(self, choice: _Choice, width: float, rng: np.random.Generator) -> Iterator[_Choice]:
+        """Choices with other corners, by random changes (rad) of some joints."""
+        inner, limits = np.array(choice.points[1:-1]), self._arm.limits
+        for _ in range(MOVED if len(inner) else 0):
+            changed = inner + width * rng.normal(size=inner.shape) * (rng.random(inner.shape) < 0.5)
+            rows = np.clip(changed, limits.lower, limits.upper).tolist()
+            yield choice._replace(points=(choice.points[0], *map(tuple, rows), choice.points[-1]))
+
+    def with_lines(self, choice: _Choice, leaving: int, entering: int) -> _Choice:
+        """The choice with other linear moves, at whose ends the joint moves begin and end."""
+        points = list(choice.points)
+        if self._leaving:
+            points[0] = tuple(self._leaving[leaving].path.end.tolist())
+        if self._entering:
+            points[-1] = tuple(self._entering[entering].path.start.tolist())
+        return _Choice(leaving, entering, tuple(points))
+
+    def tangents(self, choice: _Choice) -> tuple[Array, Array]:
+        """Points on the tangents of the linear moves at the ends of the joint moves, if there are any."""
+        rows, limits = [np.zeros((0, self._arm.dof))] * 2, self._arm.limits
+        for k, (lines, number) in enumerate(((self._leaving, choice.leaving), (self._entering, choice.entering))):
+            if lines:
+                q = lines[number].path.reversed().q if k else lines[number].path.q
+                far = q[-1] + np.array(TANGENTS)[:, None] * (len(q) - 1) * (q[-1] - q[-2])
+                rows[k] = np.clip(far, limits.lower, limits.upper)
+        return rows[0], rows[1]
+
+    def first(self, points: Array) -> _Choice | None:
+        """The fastest proven joint moves with stops between the first pair of linear moves for which there are any."""
+        for m in range(max(len(self._entering), 1)):
+            for k in range(max(len(self._leaving), 1)):
+                choice = self.with_lines(_Choice(k, m, tuple(map(tuple, points.tolist()))), k, m)
+                rows = np.array(choice.points)
+                order = fewest_moves(rows, self._arm.limits, self.line_proven)
+                if order is not None:
+                    return choice._replace(points=tuple(choice.points[number] for number in order))
+        return None
+
+
+def blended_moves(
+    points: Array,
+    arm: Arm,
+    language: Dialect,
+    proven: Callable[[JointPath, Array], bool],
+    *,
+    lines: tuple[Sequence[EndLine], Sequence[EndLine]] = ((), ()),
+    enough: float = 0.0,
+) -> BlendedMoves | None:
+    """Return few joint moves through some of the points (k, n), with the largest zones between them, all proven.
+
+    The moves may begin with one of ``lines[0]`` and end with one of ``lines[1]``, in place of the first and of the last
+    point. None if no moves are proven. The fastest moves with stops are changed until they take at most ``enough``
+    seconds, or no change that is compared saves time: other lines, other corners, more or fewer of them.
+    """
+    points = with_corners(points, arm.limits)
+    search = _MovesSearch(arm, language, proven, lines)
+    choice = search.first(points)
+    best = None if choice is None else search.made(choice)
+    if choice is None or best is None:
+        return None
+
+    def cost(moves: BlendedMoves) -> float:
+        return moves.motion.duration + FOR_MOVE * len(moves.blends)
+
+    rng, left, width, seen = np.random.default_rng(0), TRIED, WIDEST, {choice}
+    # Other lines, corners and tangents of lines; then small changes of the corners
+    while left > 0 and best.motion.duration > enough:
+        fresh = [each for each in dict.fromkeys(search.changed(choice, points)) if each not in seen]
+        fresh += search.moved(choice, width, rng)
+        ranked = sorted(
+            (cost(moves), number)
+            for number, each in enumerate(fresh)
+            if search.lines_proven(each) and (moves := search.made(each, proven=False)) is not None
+        )
+        width /= 2.0
+        for _, number in [each for each in ranked if each[0] < cost(best) - SAVED][:EACH_TIME]:
+            seen.add(fresh[number])
+            moves = search.made(fresh[number])
+            left -= 1
+            if moves is not None and cost(moves) < cost(best) - SAVED:
+                best, choice, width = moves, fresh[number], min(4.0 * width, WIDEST)
+                break
+        if width < LEAST_WIDTH:
+            break
+    return best
+
+
+def moves_between_rests(
+    curve: Curve, checker: CollisionChecker, deviation: float, language: Dialect, *, linear: bool
+) -> list[Step]:
+    """Return the moves from each rest of a curve to the next one, after a move to its start.
+
+    Without a proof they lead through samples of the curve.
+    """
+    arm = checker.arm
+    # Samples of the curve, and the parts of it from rest to rest
+    if isinstance(curve, JointPath):
+        points, rests, times = curve.q, [0, len(curve.q) - 1], np.zeros(len(curve.q))
+    else:
+        knots = curve.bezier()[0]
+        times = np.unique(np.concatenate([knots, np.linspace(knots[0], knots[-1], 4 * SAMPLES[-1])]))
+        points = np.asarray(curve(times))
+        still = np.zeros(len(times), dtype=bool)
+        if isinstance(curve, TimedCurve):
+            still = ~np.abs(curve.velocity(times)).max(axis=1).astype(bool)
+        rests = sorted({0, *np.flatnonzero(still).tolist(), len(times) - 1})
+    steps = list[Step]([JointMove(points[0])])
+    times = times if isinstance(curve, TimedCurve) else np.zeros(len(times))
+
+    def proven(path: JointPath, tolerance: Array) -> bool:
+        return is_proven_free(path, checker, joint_tolerance=tolerance + deviation + COVERED)
+
+    for first, last in pairwise(rests):
+        part = points[first : last + 1]
+        if not np.ptp(part, axis=0).any():
+            continue
+        # A linear move, if the tcp moves on a straight line
+        trace = trace_line(arm, part[0], arm.forward_kinematics(part[-1])) if linear else None
+        on_line = trace is not None and not trace.reason and np.abs(trace.path.end - part[-1]).max() <= SAME_END
+        if on_line and trace and all(np.abs(trace.path.q - q).max(axis=1).min() <= ON_LINE for q in part):
+            motion = controller_motion([ControllerMove(trace.path)], arm.limits)
+            slower = max(motion.duration, float(times[last] - times[first]))
+            profile = motion.profiles[0].lasting(slower)
+            steps.append(timed_step(arm, motion.moves[0], profile, None, linear=True))
+            continue
+        # Or the fastest joint moves; where none are proven, those through samples of the curve
+        best: BlendedMoves | None = None
+        for count in SAMPLES:
+            inner = part[np.unique(np.linspace(0, len(part) - 1, min(count, len(part))).round().astype(int))]
+            best = best or blended_moves(inner, arm, language, proven, enough=float(times[last] - times[first]))
+        if best is None:
+            few = [JointPath(pair, arm.joint_names) for pair in pairwise(inner[:: len(inner) // SAMPLES[0] + 1])]
+            few.append(JointPath([few[-1].end, inner[-1]], arm.joint_names))
+            stopping = [ControllerMove(path) for path in few if np.ptp(path.q, axis=0).any()]
+            best = BlendedMoves(controller_motion(stopping, arm.limits), (None,) * len(stopping))
+        # No faster than the curve, which may be slow for a reason
+        slower = max(1.0, float(times[last] - times[first]) / best.motion.duration)
+        steps += [
+            timed_step(arm, move, profile.lasting(slower * profile.duration), blend, linear=False)
+            for move, profile, blend in zip(best.motion.moves, best.motion.profiles, best.blends, strict=True)
+        ]
+    return steps

@@ -34,6 +34,31 @@ def simulated_share(top: float, gain: float, loss: float) -> np.ndarray:
     return np.array(rows)
 
 
+def simulated_corner(paths, zone, limits, before: float, behind: float) -> float:
+    """Seconds of two joint moves with a zone, stepped in time, with the speeds (shares per second) at the zone."""
+    travel = [path.end - path.start for path in paths]
+    gains = [(limits.acceleration / np.abs(each)).min() for each in travel]
+    tops = [(limits.velocity / np.abs(each)).min() for each in travel]
+    # the shortest time in which all joints can change from one velocity to the other
+    both = (np.abs(behind * travel[1] - before * travel[0]) / limits.acceleration).max()
+    if before > tops[0] or behind > tops[1] or before * both / 2 > zone[0] or behind * both / 2 > zone[1]:
+        return np.inf
+    seconds = both
+    for speed, gain, top, used in zip(
+        (before, behind), gains, tops, (before * both / 2, behind * both / 2), strict=True
+    ):
+        # the rest of each move, from rest to the speed at the zone; the second one backwards
+        left, rate, steps = 1.0 - used, 0.0, 0
+        while left > 0.0:
+            rate = min(rate + gain * STEP, top, np.sqrt(speed**2 + 2.0 * gain * left))
+            left -= rate * STEP
+            steps += 1
+        if rate < speed * 0.99:
+            return np.inf
+        seconds += STEP * steps
+    return seconds
+
+
 def moves_of(arm: pp.Arm, rng: np.random.Generator, count: int) -> list[pp.JointPath]:
     q = np.cumsum(np.vstack([arm.home, rng.uniform(-0.8, 0.8, (count, 6))]), axis=0)
     return [pp.JointPath(q[k : k + 2], arm.joint_names) for k in range(count)]
@@ -48,8 +73,20 @@ def test_a_joint_move_takes_the_time_of_a_simulated_synchronous_trapezoid(arm) -
         assert controller_motion([ControllerMove(path)], arm.limits).duration == pytest.approx(seconds, rel=2e-3)
 
 
+def test_the_speeds_at_a_zone_are_nearly_the_best_of_a_simulation(arm) -> None:
+    rng = np.random.default_rng(4)
+    for zone in [(0.1, 0.2), (0.5, 0.5), (0.05, 0.4)]:
+        paths = moves_of(arm, rng, 2)
+        moves = [ControllerMove(paths[0], None, zone), ControllerMove(paths[1])]
+        found = controller_motion(moves, arm.limits).duration
+        speeds = np.geomspace(0.15, 6.0, 16)
+        times = [simulated_corner(paths, zone, arm.limits, a, b) for a in speeds for b in speeds]
+        assert found <= 1.01 * min(times)
+        assert found >= 0.9 * min(times)
+
+
 @pytest.mark.parametrize("zone", [None, (0.1, 0.2), (0.5, 0.5)])
-def test_superposed_moves_are_those_of_a_simulation_and_keep_all_limits(arm, zone) -> None:
+def test_superposed_moves_add_up_in_their_zones_and_keep_all_limits(arm, zone) -> None:
     rng = np.random.default_rng(1)
     for _ in range(10):
         paths = moves_of(arm, rng, 3)
@@ -61,13 +98,21 @@ def test_superposed_moves_are_those_of_a_simulation_and_keep_all_limits(arm, zon
         made = controller_motion([ControllerMove(p, None, z) for p, z in zip(paths, zones, strict=True)], arm.limits)
         stopping = sum(fastest(path, arm.limits).duration for path in paths)
         assert controller_motion(made.moves, arm.limits, optional=True).duration <= min(stopping, made.duration) + 1e-9
-        # Each move simulated alone from its start; the displacements add up
+        # The speed of each move, summed in small steps from its start; the displacements add up
         times = np.arange(0.0, made.duration + STEP, STEP)
-        q = np.tile(paths[0].start, (len(times), 1))
-        for path, profile, start in zip(paths, made.profiles, made.starts, strict=True):
-            shares = simulated_share(profile.peak, profile.gain, profile.loss)
-            at = np.clip((times - start) / STEP, 0.0, len(shares) - 1.0)
-            q += np.interp(at, np.arange(len(shares)), shares)[:, None] * (path.end - path.start)
+        q, superposed = np.tile(paths[0].start, (len(times), 1)), np.zeros(len(times))
+        for k, (path, profile, start) in enumerate(zip(paths, made.profiles, made.starts, strict=True)):
+            rates = np.interp(times - start, profile.times, profile.speeds, left=0.0, right=0.0)
+            shares = np.concatenate([[0.0], np.cumsum((rates[1:] + rates[:-1]) / 2.0) * STEP])
+            assert shares[-1] == pytest.approx(1.0, abs=2e-3)
+            q += shares[:, None] * (path.end - path.start)
+            moving = (shares > 1e-3) & (shares < 1.0 - 1e-3)
+            superposed += moving
+            # Two moves are superposed in the zones only
+            if k:
+                both = (superposed == 2) & moving
+                assert (shares[both] <= zone[1] + 2e-3).all()
+            superposed = moving.astype(float)
         found = made.trajectory(np.minimum(times, made.trajectory.duration))
         assert np.abs(found - q).max() < 2e-3
         # Finite differences keep the limits

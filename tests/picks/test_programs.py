@@ -334,7 +334,7 @@ def test_robot_programs_that_do_not_fit_are_refused(report, text, certified) -> 
 def test_a_blend_that_leads_into_an_obstacle_is_not_free(text, certified) -> None:
     """The zone between the transit and the approach covers the wall of the bin if it is large."""
     at = next(k for k, step in enumerate(text.steps) if isinstance(step, LinearMove)) - 1
-    for radius, free in ((0.005, True), (0.06, False)):
+    for radius, free in ((0.005, True), (0.08, False)):
         blended = replace(text.steps[at], blend=Blend(radius))
         first, *others = certified(text, *text.steps[:at], blended, *text.steps[at + 1 :])
         assert first.free is free

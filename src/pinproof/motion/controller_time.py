@@ -259,9 +259,8 @@ def controller_motion(
             falling, rising = ramp(k, move.zone[0], ending=True), ramp(k + 1, move.zone[1], ending=False)
             zones[k] = (move.zone, falling, rising)
             one, other = (sum(both) / (2.0 * acceleration) for both in (falling, rising))
-            along, across = float(one @ other), float(other @ other)
-            if along <= 0.0:
-                along = float(np.sqrt((one @ one) * across))
+            across = float(other @ other)
+            along = max(float(one @ other), 0.5 * float(np.sqrt((one @ one) * across)))
             usual[k] = np.atleast_1d(along / max(across, 1e-24)), np.ones(1)
     # The best speeds at all zones, first of many, then of those near them
     chosen = list[Array]()

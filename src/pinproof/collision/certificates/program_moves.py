@@ -267,7 +267,8 @@ def blended_moves(
     point. None if no moves are proven. The fastest moves with stops are changed until they take at most ``enough``
     seconds, or no change that is compared saves time: other lines, other corners, more or fewer of them.
     """
-    points = with_corners(points, arm.limits)
+    if len(points) <= SAMPLES[0]:
+        points = with_corners(points, arm.limits)
     search = _MovesSearch(arm, language, proven, lines)
     choice = search.first(points)
     best = None if choice is None else search.made(choice)

@@ -47,6 +47,7 @@ from pinproof.collision.certificates.program_moves import (
     blended_moves as blended_moves,
     moves_between_rests as moves_between_rests,
     timed_step as timed_step,
+    zone_proven as zone_proven,
 )
 from pinproof.collision.certificates.program_parts import (
     ExecutedPart as ExecutedPart,

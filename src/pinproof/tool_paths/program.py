@@ -23,11 +23,11 @@ from pinproof.collision import (
     certify_program,
     interpolation_difference,
     is_proven_free,
-    largest_zone,
     moves_between_rests,
     shortest_durations,
     timed_step,
     trace_line,
+    zone_proven,
 )
 from pinproof.common.results import Answer
 from pinproof.common.structs import described, key
@@ -356,7 +356,7 @@ def _along(
                 if (corner > spare).any():
                     continue
                 proven = partial(_proven, checker, joint_deviation + COVERED + max(extra[k : k + 2]))
-                if largest_zone([zone], arm, paths[k], paths[k + 1], proven)[0] is not None:
+                if zone_proven(zone, arm, paths[k], paths[k + 1], proven):
                     blend = zone
                     break
             stops += blend is None

@@ -62,6 +62,14 @@ ON_LINE = 0.004
 """rad: by how much a motion may be off the joint values of a linear move that replaces it."""
 
 
+def zone_proven(
+    blend: Blend, arm: Arm, into: JointPath, out: JointPath, proven: Callable[[JointPath, Array], bool]
+) -> bool:
+    """Return whether a blend between two moves uses at most half of each, and is proven."""
+    sides = (ZoneSide(arm, path.q).shares(blend)[0] for path in (into.reversed(), out))
+    return max(sides) <= 0.5 and proven(*blend_cover(blend, arm, into, out))
+
+
 def timed_step(
     arm: Arm, move: ControllerMove, profile: Profile, blend: Blend | None, *, linear: bool
 ) -> JointMove | LinearMove:

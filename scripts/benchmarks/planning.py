@@ -2,8 +2,9 @@
 
 ./scripts/benchmark planning                         our scenes; prints the table
 ./scripts/benchmark planning --mbm FOLDER            also MotionBenchMaker problems
-./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --docs   both, with MPlib in the environment of that
-                                                             Python, and rewrites docs/benchmarks/planning.*
+./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --tesseract PYTHON --vamp PYTHON --docs
+                                                     both, with planners in the environments of these Pythons, and
+                                                     rewrites docs/benchmarks/planning.*
 ./scripts/benchmark planning --mbm FOLDER --motion --docs   durations of motions to the goal poses
 
 Our scenes take a minute with the other planners that are installed, MotionBenchMaker's problems some minutes. Exit
@@ -23,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mplib_peer import mplib_method
 from benchmarks.planning_methods import PEERS, Stopwatch
 from benchmarks.planning_problems import OWN_ROBOTS, PlanProblem, find_sets, read_problems, select_sets
 from benchmarks.planning_run import introduction, motion_faults, plan_benchmark, plan_tables, time_plot, total
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, quantiles, report, row_table
+from benchmarks.worker_peers import mplib_method, tesseract_methods, vamp_method
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
@@ -234,7 +235,9 @@ def arguments_of(options: argparse.Namespace) -> dict[str, Any]:
 
 def measure(options: argparse.Namespace) -> Results:
     """Measure the planners."""
-    peers = () if options.no_peers else (*PEERS, *map(mplib_method, options.mplib))
+    peers = () if options.no_peers else PEERS
+    peers += (*map(mplib_method, options.mplib), *map(vamp_method, options.vamp))
+    peers += tuple(method for python in options.tesseract for method in tesseract_methods(python))
     more = {"repeats": options.repeats, "peers": peers, "planners": options.planner or (DEFAULT_PLANNER,)}
     return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **arguments_of(options))
 
@@ -261,8 +264,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=1, help="runs per problem; the fastest counts")
     parser.add_argument("--planner", action="append", metavar="MODULE:CLASS", help="used instead of ours")
     parser.add_argument("--no-peers", action="store_true", help="leave out other planners")
-    parser.add_argument(
-        "--mplib", action="append", default=[], metavar="PYTHON", help="a Python with MPlib, to include it"
-    )
+    for name, peer in (("mplib", "MPlib"), ("tesseract", "Tesseract"), ("vamp", "VAMP")):
+        about = f"a Python with {peer}, to include it"
+        parser.add_argument(f"--{name}", action="append", default=[], metavar="PYTHON", help=about)
     parser.add_argument("--motion", action="store_true", help="durations of motions to the goal poses of --mbm")
     (MOTION if "--motion" in sys.argv else BENCHMARK).run(parser)

@@ -5,6 +5,7 @@
 ./scripts/benchmark several_arms --mover-edges 10000     the same among moving obstacles
 ./scripts/benchmark several_arms --shared-bin            two UR5 over one bin with 40 parts
 ./scripts/benchmark several_arms --carry 50              parts in two hands, of two UR10e and of a Baxter
+./scripts/benchmark several_arms --stations 10           stations of others: two iiwa, two and four Pandas
 ./scripts/benchmark several_arms --belt                  takes the parts of a conveyor and audits the motions
 ./scripts/benchmark several_arms --belt --docs           rewrites this part of docs/benchmarks/several_arms.*
 
@@ -42,6 +43,7 @@ from benchmarks.collision_edges import (
 )
 from benchmarks.planning_methods import Stopwatch
 from benchmarks.planning_problems import PlanProblem, end_faults, find_sets, own_reach, read_problems
+from benchmarks.stations import coordinated, station_problems
 from benchmarks.tables import (
     Benchmark,
     Blocks,
@@ -285,7 +287,7 @@ def motions_of_both(rows: Sequence[Row]) -> list[str]:
         return f"{typical} / {quantiles((each.longest_edge_ms for each in row.done), '{:.2f}', (1.0,))}"
 
     columns = {
-        "set": lambda row: row.name.removeprefix("mbm/") or "all",
+        "set": lambda row: row.name.partition("/")[2] or "all",
         "ends free": lambda row: f"{len(row.posed)} of {len(row.group)}",
         "certified": lambda row: f"{len(row.done)} of {len(row.posed)}",
         **{step: spread(step) for step in STEPS},
@@ -344,11 +346,37 @@ def blocks(results: Results) -> Blocks:
     return {
         "carried": row_table(carried, results["carried"]),
         "motions": motions_of_both(results["motions"]) if results["motions"] else [],
+        "stations": motions_of_both(results["stations"]) if results["stations"] else [],
+        "coordinated": coordination_table(results["coordinated"]),
         "edges": edge_table("group", results["edges"]),
         "mover_edges": edge_table("robot", results["mover_edges"]),
         "cells": row_table(cells, results["cells"]),
         "belts": row_table(belts, results["belts"]),
     }
+
+
+def station_rows(problems: int, seed: int) -> dict[str, list[Row]]:
+    """The motions of this number of problems at each station, planned together, and by :func:`pp.plan_arms`."""
+    rows: dict[str, list[Row]] = {"stations": [], "coordinated": []}
+    for problem in station_problems(problems, seed) if problems else ():
+        report(problem.name)
+        rows["stations"].append(measure_problem(problem, seed))
+        rows["coordinated"].append(coordinated(problem, seed))
+    return rows
+
+
+def coordination_table(rows: Sequence[Row]) -> list[str]:
+    """The table of the coordinated motions."""
+    names = dict.fromkeys(row.station for row in rows)
+    groups = [Row(name=name, all=[row for row in rows if row.station == name]) for name in names]
+    columns = {
+        "station": "{.name}",
+        "certified": lambda row: f"{sum(each.ok for each in row.all)} of {len(row.all)}",
+        "processor time, s": lambda row: quantiles((each.seconds for each in row.all), "{:.2f}", (0.5, 1.0)),
+        "motion, s": lambda row: quantiles((each.duration for each in row.all if each.ok), "{:.2f}", (0.5, 1.0)),
+        "unsafe in the audit": lambda row: str(sum(bool(each.wrong) for each in row.all)),
+    }
+    return row_table(columns, groups)
 
 
 def measure(options: argparse.Namespace) -> Results:
@@ -361,6 +389,7 @@ def measure(options: argparse.Namespace) -> Results:
     results.parts |= {
         "edges": measure_edges(options.edges, options.seed) if options.edges else [],
         "mover_edges": mover_edge_rows(options.mover_edges, options.seed) if options.mover_edges else [],
+        **station_rows(options.stations, options.seed),
         "cells": [shared_bin_row(options.seed)] if options.shared_bin else [],
         "belts": belt_rows(SPEEDS, options.seed) if options.belt else [],
         "carried": carried_rows(options.carry, options.seed) if options.carry else [],
@@ -379,6 +408,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
     parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
+    parser.add_argument("--stations", type=int, default=0, metavar="N", help="problems at each station of others")
     parser.add_argument("--shared-bin", action="store_true", help="the picks of two arms over one bin")
     parser.add_argument("--carry", type=int, default=0, metavar="N", help="number of problems of parts in two hands")
     parser.add_argument("--belt", action="store_true", help="picks from a conveyor")

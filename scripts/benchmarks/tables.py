@@ -116,7 +116,8 @@ class Results:
                 parts[name] = list(rows.values())
             else:
                 parts[name] = part
-        return Results({**self.settings, "measured": measured}, self.provenance, parts)
+        settings = {**stored.settings, **self.settings, "measured": measured}
+        return Results(settings, self.provenance, parts)
 
 
 # -- provenance --------------------------------------------------------------------------------------------------------

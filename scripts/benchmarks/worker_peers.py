@@ -1,6 +1,7 @@
-"""MPlib (Guo and others) as a planner of the benchmark: RRT-Connect of OMPL with FCL.
+"""Planners that need a Python environment of their own, in which a worker of the benchmark runs.
 
-It needs NumPy 1, and thus a Python environment of its own, in which mplib_worker.py runs.
+MPlib (Guo and others) is RRT-Connect of OMPL with FCL and needs NumPy 1; Tesseract (ROS-Industrial) is OMPL and TrajOpt
+with Bullet; VAMP (Thomason, Kingston, Kavraki) checks spheres by SIMD.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import subprocess
 import tempfile
 import weakref
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -39,13 +41,38 @@ HALF = np.pi - 1e-3
 """Half the range (rad) of a periodic joint: MPlib may end a motion at a goal shifted by 2 pi if the range is larger."""
 
 
+PIPELINES = {"FreespacePipeline": "OMPL, then TrajOpt", "OMPLPipeline": "OMPL", "TrajOptPipeline": "TrajOpt"}
+"""The pipelines of Tesseract that are measured, and the planners that they run."""
+
+
 def mplib_method(python: str | Path) -> PlanMethod:
     """Return MPlib as a method of the planning benchmark, run by this Python."""
-    return PlanMethod("mplib", "MPlib", partial(_prepare, str(python)), "mplib")
+    return PlanMethod("mplib", "MPlib", partial(_prepare, (str(python), "mplib_worker.py")), "mplib")
 
 
-def _prepare(python: str, problem: PlanProblem, checker: CollisionChecker) -> Solve:
-    """Start a process for a problem. Its URDF has ranges of 2 pi about start and goals, see :data:`HALF`."""
+def tesseract_methods(python: str | Path) -> list[PlanMethod]:
+    """Return the pipelines of Tesseract as methods of the planning benchmark, run by this Python."""
+    return [
+        PlanMethod(
+            f"tesseract_{name}",
+            f"Tesseract, {planners}",
+            partial(_prepare, (str(python), "tesseract_plan_worker.py", name)),
+            "tesseract-robotics-nanobind",
+        )
+        for name, planners in PIPELINES.items()
+    ]
+
+
+def vamp_method(python: str | Path) -> PlanMethod:
+    """Return VAMP as a method of the planning benchmark, run by this Python."""
+    return PlanMethod("vamp", "VAMP", partial(_prepare, (str(python), "vamp_worker.py")), "vamp-planner")
+
+
+def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChecker) -> Solve:
+    """Start a process for a problem. Its URDF has ranges of 2 pi about start and goals, see :data:`HALF`.
+
+    ``command`` is the Python, the worker beside this file, and what the worker is started with.
+    """
     arm = problem.arm
     with tempfile.TemporaryDirectory() as folder:
         urdf, srdf = Path(folder) / "robot.urdf", Path(folder) / "robot.srdf"
@@ -53,12 +80,14 @@ def _prepare(python: str, problem: PlanProblem, checker: CollisionChecker) -> So
         urdf.write_text(_with_one_rotation(text, problem), encoding="utf-8")
         srdf.write_text(robot_srdf(problem, checker), encoding="utf-8")
         worker = subprocess.Popen(
-            [python, Path(__file__).with_name("mplib_worker.py")],
+            [command[0], Path(__file__).with_name(command[1]), *command[2:]],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         job = {
             "urdf": str(urdf),
             "srdf": str(srdf),
+            "root": arm.robot.urdf.root,
+            "base": arm.base,
             "tcp": arm.tcp,
             "joints": list(arm.joint_names),
             "held": dict(arm.held),
@@ -113,10 +142,10 @@ def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[s
     print(json.dumps(question), file=worker.stdin, flush=True)
     line = worker.stdout.readline()
     if not line:
-        raise NotApplicableError(f"the process of mplib ended with {worker.wait()}")
+        raise NotApplicableError(f"the process of the planner ended with {worker.wait()}")
     answer: dict[str, Any] = json.loads(line)
     if "error" in answer:
-        raise NotApplicableError(f"mplib: {answer['error']}")
+        raise NotApplicableError(answer["error"])
     return answer
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.mplib_peer import mplib_method
 from benchmarks.planning import limit_excess, motion_benchmark, motion_blocks, pose_goals
 from benchmarks.planning_methods import OURS, PEERS, STEPS, PlanAnswer, PlanMethod
 from benchmarks.planning_problems import OWN_SCENES, PlanProblem, own_problems
@@ -25,6 +24,7 @@ from benchmarks.planning_run import (
     time_plot,
 )
 from benchmarks.tables import Results, Row
+from benchmarks.worker_peers import mplib_method
 
 import pinproof as pp
 from pinproof.errors import InputError

@@ -21,6 +21,7 @@ TOPICS = {
     "sequence": "the order of picks",
     "cell": "base placement",
     "tool_paths": "tool paths against independent audits, and Descartes on the same graphs",
+    "timing": "timing of the same rounded paths by this package, copp-py and toppra",
     "rates": "bounds of torque and tool motion against dense samples; the table of docs/dynamics.md",
 }
 """The modules of this package that are benchmarks, and what they measure."""

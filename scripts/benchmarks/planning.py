@@ -2,7 +2,7 @@
 
 ./scripts/benchmark planning                         our scenes; prints the table
 ./scripts/benchmark planning --mbm FOLDER            also MotionBenchMaker problems
-./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --tesseract PYTHON --vamp PYTHON --docs
+./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --tesseract PYTHON --docs
                                                      both, with planners in the environments of these Pythons, and
                                                      rewrites docs/benchmarks/planning.*
 ./scripts/benchmark planning --mbm FOLDER --motion --docs   durations of motions to the goal poses
@@ -28,7 +28,7 @@ from benchmarks.planning_methods import PEERS, Stopwatch
 from benchmarks.planning_problems import OWN_ROBOTS, PlanProblem, find_sets, read_problems, select_sets
 from benchmarks.planning_run import introduction, motion_faults, plan_benchmark, plan_tables, time_plot, total
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, quantiles, report, row_table
-from benchmarks.worker_peers import mplib_method, tesseract_methods, vamp_method
+from benchmarks.worker_peers import mplib_method, tesseract_methods
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checking.audit import STEP
 from pinproof.errors import InputError, TimingError, UnknownNameError
@@ -236,7 +236,7 @@ def arguments_of(options: argparse.Namespace) -> dict[str, Any]:
 def measure(options: argparse.Namespace) -> Results:
     """Measure the planners."""
     peers = () if options.no_peers else PEERS
-    peers += (*map(mplib_method, options.mplib), *map(vamp_method, options.vamp))
+    peers += tuple(map(mplib_method, options.mplib))
     peers += tuple(method for python in options.tesseract for method in tesseract_methods(python))
     more = {"repeats": options.repeats, "peers": peers, "planners": options.planner or (DEFAULT_PLANNER,)}
     return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **arguments_of(options))
@@ -264,7 +264,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=1, help="runs per problem; the fastest counts")
     parser.add_argument("--planner", action="append", metavar="MODULE:CLASS", help="used instead of ours")
     parser.add_argument("--no-peers", action="store_true", help="leave out other planners")
-    for name, peer in (("mplib", "MPlib"), ("tesseract", "Tesseract"), ("vamp", "VAMP")):
+    for name, peer in (("mplib", "MPlib"), ("tesseract", "Tesseract")):
         about = f"a Python with {peer}, to include it"
         parser.add_argument(f"--{name}", action="append", default=[], metavar="PYTHON", help=about)
     parser.add_argument("--motion", action="store_true", help="durations of motions to the goal poses of --mbm")

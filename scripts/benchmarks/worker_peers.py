@@ -1,7 +1,7 @@
 """Planners that need a Python environment of their own, in which a worker of the benchmark runs.
 
 MPlib (Guo and others) is RRT-Connect of OMPL with FCL and needs NumPy 1; Tesseract (ROS-Industrial) is OMPL and TrajOpt
-with Bullet; VAMP (Thomason, Kingston, Kavraki) checks spheres by SIMD.
+with Bullet.
 """
 
 from __future__ import annotations
@@ -61,11 +61,6 @@ def tesseract_methods(python: str | Path) -> list[PlanMethod]:
         )
         for name, planners in PIPELINES.items()
     ]
-
-
-def vamp_method(python: str | Path) -> PlanMethod:
-    """Return VAMP as a method of the planning benchmark, run by this Python."""
-    return PlanMethod("vamp", "VAMP", partial(_prepare, (str(python), "vamp_worker.py")), "vamp-planner")
 
 
 def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChecker) -> Solve:

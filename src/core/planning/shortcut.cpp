@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 namespace pinproof {
 namespace {
@@ -12,13 +11,16 @@ namespace {
 constexpr double kMinGain = 1e-3;
 
 // Number of consecutive random shortcuts without gain after which no more are tried.
-constexpr int kPatience = 6;
+constexpr int kPatience = 12;
 
 // Maximum number of passes in which waypoints are moved.
-constexpr int kMaxPasses = 3;
+constexpr int kMaxPasses = 5;
 
 // Minimum distance of a moved waypoint from its neighbours, as a fraction of their distance; it avoids tiny edges.
 constexpr double kEndDistance = 0.1;
+
+// A waypoint is left in place if it cannot be moved by this fraction of its distance to the straight line.
+constexpr double kMinShare = 0.2;
 
 double distance(const std::vector<double>& a, const std::vector<double>& b) {
     return std::sqrt(squared_distance(a.data(), b.data(), a.size()));
@@ -101,15 +103,17 @@ class PathShortener {
             failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
     }
 
-    // Move each waypoint to the straight line between its neighbours, or, if that is not free, as many of its joints as
-    // can be moved one after the other. A waypoint is tried again if it or a neighbour has moved.
+    // Move each waypoint towards the straight line between its neighbours, by a share that is halved on failure.
     void straighten() {
+        std::vector<double> shares(path_.size(), 1.0);
         const double min_gain = kMinGain * lengths_along(path_).back();
-        std::vector<char> moved(path_.size(), 1);
-        for (int pass = 0; pass < kMaxPasses && std::ranges::count(moved, 1) > 0; ++pass) {
-            const std::vector<char> before = std::exchange(moved, std::vector<char>(path_.size(), 0));
-            for (std::size_t i = 1; i + 1 < path_.size(); ++i)
-                if (before[i - 1] || before[i] || before[i + 1] || moved[i - 1]) moved[i] = move_waypoint(i, min_gain);
+        for (int pass = 0; pass < kMaxPasses; ++pass) {
+            bool changed = false;
+            for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
+                if (shares[i] < kMinShare) continue;
+                changed = move_waypoint(i, shares[i], min_gain) || changed;
+            }
+            if (!changed) break;
         }
     }
 
@@ -148,33 +152,26 @@ class PathShortener {
         return true;
     }
 
-    // Whether the waypoint was moved.
-    bool move_waypoint(std::size_t i, double min_gain) {
-        const Waypoint &before = path_[i - 1], &after = path_[i + 1];
+    // Whether the waypoint was moved, or can be tried again with a smaller share.
+    bool move_waypoint(std::size_t i, double& share, double min_gain) {
+        const Waypoint &before = path_[i - 1], &here = path_[i], &after = path_[i + 1];
         double product = 0.0, square = 0.0;
-        for (std::size_t j = 0; j < before.size(); ++j) {
-            product += (path_[i][j] - before[j]) * (after[j] - before[j]);
+        for (std::size_t j = 0; j < here.size(); ++j) {
+            product += (here[j] - before[j]) * (after[j] - before[j]);
             square += (after[j] - before[j]) * (after[j] - before[j]);
         }
         const double along = product / std::max(square, std::numeric_limits<double>::min());
         const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
-        const auto move_to = [&](const Waypoint& q) {
-            const Waypoint& here = path_[i];
-            const double gain =
-                distance(before, here) + distance(here, after) - distance(before, q) - distance(q, after);
-            if (gain <= min_gain || !free(before, q) || !free(q, after)) return false;
-            path_[i] = q;
+        const Waypoint moved = between(here, foot, share);
+        const double gain =
+            distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
+        if (gain <= min_gain) return false;
+        if (free(before, moved) && free(moved, after)) {
+            path_[i] = moved;
             return true;
-        };
-        if (move_to(foot)) return true;
-        if (proofs_) return false;  // A proof of a single joint takes longer than the shorter path saves.
-        bool moved = false;
-        for (std::size_t j = 0; j < foot.size(); ++j) {
-            Waypoint q = path_[i];
-            q[j] = foot[j];
-            moved = move_to(q) || moved;
         }
-        return moved;
+        share /= 2.0;
+        return share >= kMinShare;
     }
 
     EdgeChecker& edges_;

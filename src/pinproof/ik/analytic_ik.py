@@ -58,7 +58,7 @@ class AnalyticIk:
 
     position_tolerance: float = key("largest distance of a solution from the target", "m", default=1e-9, above=0)
     orientation_tolerance: float | None = key(
-        "largest angle of a solution from the target; by default 1e-9, and 1e-4 for arms with fewer than six joints",
+        "largest angle of a solution from the target; by default 1e-9, and 3e-5 for arms with fewer than six joints",
         "rad",
         default=None,
         above=0,

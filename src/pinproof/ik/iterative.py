@@ -66,7 +66,7 @@ class IterativeIk(ABC):
         "largest distance between the tcp and the target for a solution", "m", default=1e-6, above=0
     )
     orientation_tolerance: float | None = key(
-        "largest angle between the orientations of tcp and target for a solution; by default 1e-6, and 1e-4 for arms "
+        "largest angle between the orientations of tcp and target for a solution; by default 1e-6, and 3e-5 for arms "
         "with fewer than six joints, which rounded numbers in a description turn out of the poses they should reach",
         "rad",
         default=None,

@@ -110,7 +110,7 @@ class Task:
         return position, orientation
 
 
-SHORT_ARM = 1e-4
+SHORT_ARM = 3e-5
 """rad: the orientation tolerance of arms with fewer than six joints, if none is stated. They reach few poses exactly,
 and none of those that they should if the numbers of their description are rounded, such as 1.57079 for pi/2."""
 

@@ -151,6 +151,21 @@ def test_what_is_wrong_in_a_file_is_stated_in_one_line(run: Cli, keys: dict[str,
     run.refuses("follow", file, named=named)
 
 
+def test_a_placement_states_the_line_of_a_frame_that_does_not_exist(run: Cli) -> None:
+    words = ("cell", "place", job(frame="prt"), "--region", "0 0.4 -0.2 0.2")
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    for named in ("job.json", "line 1", "unknown frame 'prt'"):
+        assert named in err
+
+
+@pytest.mark.parametrize(("key", "job"), [("stroke", True), ("Strokes", True), ("picks", False)])
+def test_a_file_is_a_job_of_tool_paths_by_the_key_that_is_most_like_strokes(run: Cli, key: str, job: bool) -> None:
+    Path("a.yaml").write_text(f"robot: ur5\nspeed: 0.1\nframes: {{strokes: {{xyz: [0, 0, 0]}}}}\n{key}: []\n")
+    wrong = (f"unknown key '{key}'", "valid: strokes") if job else ("unknown key 'speed'",)
+    run.refuses("cell", "place", "a.yaml", "--region", "0 1 0 1", named=wrong)
+
+
 def test_special_paths_get_a_clear_answer(run: Cli) -> None:
     # One pose, repeated poses, and a closed path
     assert run.json("follow", job(points=LINE[:1]))["strokes"][0]["poses"] == 1

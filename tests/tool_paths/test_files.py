@@ -150,7 +150,7 @@ def test_two_strokes_of_one_name_are_refused(tmp_path):
 
 def test_an_unknown_frame_is_named_with_the_valid_ones(tmp_path):
     job = job_of(tmp_path, {"points": SQUARE, "normals": UP}, frame="tabel", frames={"table": {}})
-    with pytest.raises(pp.UnknownNameError, match=r"'tabel'.*table"):
+    with pytest.raises(ToolPathError, match=r"line 1, column \d+, key frame: unknown frame 'tabel'; valid: table"):
         job.placed(job.load_checker())
 
 

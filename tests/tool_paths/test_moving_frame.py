@@ -1,6 +1,7 @@
 """Paths on a part that moves with a turntable or a second arm: checked against Pinocchio's model of the whole cell."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pinocchio as pin
@@ -234,6 +235,10 @@ def test_a_job_states_the_part_that_moves(tmp_path):
     assert own.plan.path.poses[0, 2, 3] == pytest.approx(0.08)
     assert faults(own.plan, "plate", "tip") == []
     report.save(tmp_path / "report.html")
+    # A campaign follows the path in the moving frame too
+    campaign = pp.tool_paths.path_campaign(job, checker=checker)
+    (row,) = campaign.run(tmp_path / "out", executor=ThreadPoolExecutor(1)).rows()
+    assert (row["verdict"], row["poses"]) == ("good", 8)
     with pytest.raises(pp.InputError, match="table"):
         pp.tool_paths.require_language(checker.group, "rapid")
     # A joint that is held does not move the part, whose frame is at rest then

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -174,12 +175,15 @@ class WorkerOptions:
 
 
 def states_paths(file: Path) -> bool:
-    """Whether a file is a job of tool paths, which has the key ``strokes``, and not one of picks."""
+    """Whether a file is a job of tool paths, which has the key ``strokes`` or one like it, and not one of picks."""
     try:
         text = read_text(file, FileError) if file.suffix.lower() in (".yaml", ".yml", ".json") else ""
     except FileError:  # the reader of the file states what is wrong
         return False
-    return re.search(r"""(^|[{,])\s*["']?strokes["']?\s*:""", text, re.MULTILINE) is not None
+    # The keys at the start of lines, or else, as in JSON, all keys
+    keys = re.findall(r"""^["']?(\w+)["']?\s*:""", text, re.MULTILINE)
+    keys = keys or re.findall(r"""(?:^|[{,])\s*["']?(\w+)["']?\s*:""", text, re.MULTILINE)
+    return "strokes" in keys or ("picks" not in keys and bool(get_close_matches("strokes", map(str.lower, keys))))
 
 
 def run_campaign(

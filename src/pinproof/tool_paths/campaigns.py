@@ -47,10 +47,10 @@ class PathSetup:
 
     def identity(self) -> dict[str, Any]:
         """What the rows depend on, as plain values by name."""
-        arm, scene = self.checker.arm, self.checker.scene
+        group, scene = self.checker.group, self.checker.scene
         return {
-            "robot": f"{arm.robot.name} {digest((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.held))}",
-            "limits": digest(arm.limits),
+            "robot": f"{group.robot.name} {digest((group.robot.urdf.kinematics, group.ends, group.held))}",
+            "limits": digest(group.limits),
             "scene": f"{len(scene)} obstacles {self.checker.fingerprint()[:16]}",
             "margin": self.checker.margin,
             "settings": digest(sorted(self.settings.items())),

@@ -255,7 +255,12 @@ class ToolJob(Shown):
         if self.carrier is not None:
             return self.carrier[1]
         arm = checker.arm
-        root_from_paths = root_from_frame(self.frame, self.settings.frames, checker.scene, arm)
+        try:
+            root_from_paths = root_from_frame(self.frame, self.settings.frames, checker.scene, arm)
+        except InputError as error:
+            if self.source is None or "frame" not in self.settings.places:
+                raise
+            raise ToolPathError(self.source, str(error), self.settings.places["frame"]) from error
         return arm.root_from_base.inverse() * root_from_paths
 
     def placed(self, checker: CollisionChecker) -> tuple[Stroke, ...]:

@@ -76,7 +76,8 @@ class JobWork:
 
     def frames(self) -> Iterator[tuple[str, str]]:
         """The frame of the strokes."""
-        yield "the job", self.job.frame
+        source, place = self.job.source, self.settings.places.get("frame")
+        yield "the job" if source is None or place is None else f"the job of {source} ({place})", self.job.frame
 
     def table(self, cell: PickCell) -> GraspTable:
         """The poses of the tcp at places of the strokes, at rotations of the tool."""

@@ -310,13 +310,15 @@ class PlacedRobot:
     def refuse_on_base(self, stated: Iterable[tuple[str, str]], shared: Picks) -> None:
         """Raise if a part of the work is stated in the frame of the robot or of a body that moves with the base.
 
-        InputError the message names the part and the frame.
+        InputError the message names the part and the frame; UnknownNameError if there is no frame of this name.
         """
         for part, frame in stated:
             parent = frame
             for _ in range(len(shared.frames) + 1):
                 parent = shared.frames[parent].frame if parent in shared.frames else parent
             if parent and parent not in self.scene.names:
+                if parent not in self.robot.urdf.links:
+                    raise UnknownNameError("frame", parent, [*shared.frames, *self.scene.names], part)
                 raise InputError(
                     f"{part} is stated in the frame {frame!r}, which moves with the base; state it in the frame of the "
                     "cell or of an obstacle that does not move with the base"

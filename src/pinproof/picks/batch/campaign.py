@@ -549,7 +549,7 @@ class ItemCampaign:
                 self.items: f"{len(self)} {self.items} {self._source.digest()}",
                 "judge": describe_code(self._judge),
             },
-            "acceleration_source": checker.arm.limits.acceleration_source,
+            "acceleration_source": checker.group.limits.acceleration_source,
             "notes": list(self._setup.not_covered(self._source.with_object)),
             "excluded_pairs": [[*pair.owners, pair.reason] for pair in checker.excluded],
         }

@@ -483,7 +483,7 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
 
 def _places(content: LinedMapping) -> dict[str, str]:
     """The positions of what can be checked only together with the robot."""
-    places = {name: content.place(name) for name in ("robot", "tcp", "xacro_args") if name in content}
+    places = {name: content.place(name) for name in ("robot", "tcp", "xacro_args", "frame") if name in content}
     for name in ("xacro_args", "held", "windings"):
         inner = content.get(name)
         if isinstance(inner, LinedMapping):

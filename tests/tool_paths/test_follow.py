@@ -8,7 +8,11 @@ import pytest
 from benchmarks.tool_path_audits import arm_of, random_problem, wrong
 
 import pinproof as pp
+from pinproof.motion import CubicPath
+from pinproof.planning import Route
 from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath
+from pinproof.tool_paths.curves import CurveMaker
+from pinproof.tool_paths.search import SPIN
 
 UP = (0.0, 0.0, 1.0)
 LINE = np.column_stack([np.full(7, 0.4), np.linspace(-0.3, 0.3, 7), np.full(7, 0.2)])
@@ -228,6 +232,17 @@ def test_a_motion_that_avoids_the_start_of_another_starts_in_another_branch(free
         starts.append(plan.trajectory.start)
 
 
+def test_avoided_starts_are_no_proof_that_a_pose_cannot_be_passed(free):
+    path, starts = ToolPath.through(LINE, UP, speed=0.1), []
+    while (plan := pp.follow(free, path, free_rotation=False, avoid=np.reshape(starts, (-1, 6)))).ok:
+        starts.append(plan.trajectory.start)
+        assert len(starts) < 12
+    (blocked,) = plan.blocked
+    assert (blocked.obstruction, blocked.proven) == (Obstruction.AVOIDED, False)
+    with pytest.raises(pp.InputError, match="avoid"):
+        pp.follow(free, path, start=starts[0], avoid=starts)
+
+
 def test_the_windings_of_a_given_start_are_kept(ur5, free):
     for winding in (0.0, -2 * np.pi):
         start = pp.AnalyticIk().solve_all(ur5, pp.pose((0.45, -0.3, 0.3), (np.pi, 0, 0))).q[0].copy()
@@ -402,3 +417,29 @@ def test_an_arm_that_cannot_choose_the_rotation_of_the_tool_finds_the_one_of_eac
     assert "at all rotations" in far.message
     assert pp.follow(five, path, free_rotation=(-2.05, -0.25)).ok
     assert not pp.follow(five, path, free_rotation=(-0.1, 0.2)).ok
+
+
+@pytest.mark.parametrize("free_rotation", [(0.0, 0.0), (0.0, 0.5), (-0.5, 0.0)])
+def test_a_range_of_the_rotation_includes_its_ends(five, free_rotation):
+    rng = np.random.default_rng(0)
+    for q in [q for q in rng.uniform(-2.0, 2.0, (12, 5)) if five.is_free(q)]:
+        one = ToolPath(five.arm.forward_kinematics(q).homogeneous[None])
+        assert pp.follow(five, one, free_rotation=free_rotation).ok
+
+
+GEARED = """<link name="{0}"/><joint name="{0}" type="revolute"><parent link="{1}"/><child link="{0}"/>
+<axis xyz="0 0 1"/><limit lower="-9" upper="9" velocity="9" effort="1"/><mimic joint="{2}" multiplier="2"/></joint>"""
+
+
+def test_the_range_of_the_rotation_counts_the_followers_of_a_joint():
+    """Between two points in the range, the last joint moves by less than the margin, the tool by five times that."""
+    gears = "".join(GEARED.format(*names, "wrist_3_joint") for names in (("gear", "tool0"), ("spindle", "gear")))
+    arm = pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", gears + "</robot>")).arm("spindle")
+    q, bulge = np.array([0.2, -1.4, 1.7, -1.0, -0.9, 0.1]), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.2])
+    curve = CubicPath(np.array([q, q]), np.array([bulge, -bulge]), np.array([0.0, 1.0]), arm.joint_names)
+    here, middle = (arm.forward_kinematics(each) for each in (q, curve(np.array([0.5]))[0]))
+    turned = np.arccos(np.clip(0.5 * (np.trace(here.rotation.T @ middle.rotation) - 1.0), -1.0, 1.0))
+    route = Route.straight(here, here * pp.pose((0, 0, 1e-9)))
+    for margin, leaves in ((0.5 * turned, True), (2.5 * turned, False)):
+        maker = CurveMaker(arm, SPIN, 1e-3, margin, (0.0, 0.0), SPIN)
+        assert maker._spins(curve, route).tolist() == [leaves]

@@ -48,6 +48,8 @@ def tool_in_frame(checker, q, frame, tcp):
     for row in q:
         values = held | dict(zip(checker.group.joint_names, row, strict=True))
         full = pin.neutral(model)
+        followers = {joint.name: joint.mimic for joint in checker.group.robot.urdf.joints.values() if joint.mimic}
+        values |= {name: own.multiplier * values[own.leader] + own.offset for name, own in followers.items()}
         for name, value in values.items():
             full[model.joints[model.getJointId(checker.group.robot.urdf.model_joint(name))].idx_q] = value
         pin.framesForwardKinematics(model, data, full)
@@ -133,6 +135,35 @@ def test_a_part_that_joints_do_not_reach_is_blocked_in_the_moving_frame(table):
     assert plan.status is FollowStatus.BLOCKED
     assert not plan.blocked[-1].proven  # the values of the table between those of the grid were not tried
     assert "out of reach" in plan.message
+
+
+def test_a_part_that_follows_a_joint_of_the_arm_has_no_closed_form_of_its_poses():
+    """The table is geared to the first joint of the arm: its pose is unknown before the arm is solved."""
+    geared = LIMITS.format(6.0) + '<mimic joint="shoulder_pan_joint" multiplier="0.5" offset="0.1"/>'
+    own = TABLE.format(root="base_link", flange="tool0", kind="revolute", limits=geared)
+    checker = pp.CollisionChecker(
+        pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", own)).arms({"torch": "tip"})
+    )
+    one = ToolPath.through([[0.0, 0.09, 0.2]], (0.3, 0.3, 1.0))
+    plan = pp.follow(checker, one, frame="plate", rotations=8).or_raise()
+    (pose,) = tool_in_frame(checker, plan.trajectory.q[:1], "plate", "tip")
+    assert pose[:3, 3] == pytest.approx(one.poses[0, :3, 3], abs=1e-5)
+    moving = pp.follow(checker, seam(0.5, 6), frame="plate", rotations=8).or_raise()
+    assert faults(moving, "plate", "tip") == []
+    far = pp.follow(checker, ToolPath.through([[0.0, 0.0, 3.0]], (0.0, 0.0, 1.0)), frame="plate", rotations=4)
+    assert not far.blocked[0].proven
+
+
+def test_a_short_arm_with_a_turntable_is_not_screened_as_an_arm_of_six_joints():
+    text = with_table("ur5").urdf.text.replace(
+        'parent link="tool0"/><child link="tip"', 'parent link="wrist_2_link"/><child link="tip"'
+    )
+    checker = pp.CollisionChecker(pp.load_robot(text).arms({"torch": "tip", "work": "plate"}))
+    assert checker.group.dof == 6
+    settings = {"frame": "plate", "redundant": 4}
+    plan = pp.follow(checker, ToolPath.through([[0.0, 0.0, 3.0]], (0.0, 0.0, 1.0)), **settings)
+    assert plan.status is FollowStatus.BLOCKED
+    assert pp.tool_paths.suggest_changes(plan, settings, budget=1) == ()
 
 
 def test_a_second_arm_turns_the_part_in_front_of_the_torch():

@@ -172,3 +172,24 @@ def test_strokes_whose_transits_fail_are_followed_from_other_configurations(chec
     apart = [np.abs((step.plan.trajectory.start - start + np.pi) % (2 * np.pi) - np.pi).max() for start in starts]
     assert min(apart) > 0.9
     assert other.certificate.matches(other.trajectory, checker.arm, checker.scene)
+
+
+def test_a_stroke_that_no_transit_leads_to_is_not_left_out(checker, monkeypatch):
+    """All transits between the sides of the robot fail, from all configurations."""
+
+    def no_way_across(checker, begin, end, **settings):
+        sides = [checker.arm.forward_kinematics(q).translation[1] for q in (begin, end)]
+        block = [pp.Obstacle("block", pp.Box(2.0, 2.0, 2.0))] if sides[0] * sides[1] < 0.0 else []
+        return pp.plan(checker.with_scene(pp.Scene([*checker.scene.obstacles, *block])), begin, end, **settings)
+
+    class AscendingProblem(ordering.TourProblem):
+        def __post_init__(self):
+            assert (np.diff(self.job) >= 0).all()
+
+    monkeypatch.setattr(ordering, "plan", no_way_across)
+    monkeypatch.setattr(ordering, "TourProblem", AscendingProblem)
+    strokes = [line(name, (0.5, y, 0.25), (0.55, y, 0.25), reversible=False) for name, y in (("a", 0.3), ("b", -0.3))]
+    found = follow_all(checker, strokes, **SETTINGS)
+    assert found.status is FollowStatus.NO_TRANSIT
+    assert found.variants > 2
+    assert np.isfinite(found.bound)  # whatever the transits

@@ -149,7 +149,11 @@ class CurveMaker:
         middle = 0.5 * (low + high)
         angle = middle + np.remainder(angle - middle + np.pi, 2.0 * np.pi) - np.pi
         excess = np.maximum(low - angle, angle - high)
-        turned = 0.5 * np.abs(np.diff(control, axis=1)).sum(axis=1)[:, self.arm.angular].sum(axis=1)
+        revolute = [joint for joint in self.arm.chain.joints if not joint.prismatic]  # followers (mimic) too
+        shares = np.bincount(
+            [joint.index for joint in revolute], [abs(joint.multiplier) for joint in revolute], self.arm.dof
+        )
+        turned = 0.5 * np.abs(np.diff(control, axis=1)).sum(axis=1) @ shares
         rates = np.array([
             5.0 * max(np.abs(np.diff(piece.b)).max(), np.abs(np.diff(piece.a)).max())
             * (np.linalg.norm(piece.into.rotation) + np.linalg.norm(piece.out.rotation))

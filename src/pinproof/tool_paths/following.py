@@ -161,6 +161,8 @@ def follow(
         if cost not in COSTS:
             raise InputError(f"cost is {cost!r}; it must be FollowCosts, or one of {', '.join(COSTS)}")
         cost = COSTS[cost]
+    if start is not None and avoid is not None:
+        raise InputError("start and avoid exclude each other; state the configuration, or those that are avoided")
     require_type("cost", cost, FollowCosts)
     own, spin = path_arm.arm, None
     image, image_rotation = image_deviation(own)

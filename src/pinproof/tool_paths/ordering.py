@@ -186,22 +186,22 @@ def follow_all(
         times[:HOME, :HOME] = [least_times(first - q, bounds) for q in last]
         if place is not None:
             times[HOME, :HOME], times[:HOME, HOME] = (least_times(end - place, bounds) for end in (first, last))
-        for arc, own in known.items():
-            times[arc] = own.duration if own.ok else np.inf
         seconds, jobs = np.array([own[-1].duration for own in choices]), np.array([own[0] for own in choices])
         problem = TourProblem(jobs, times[HOME, :HOME], times[:HOME, HOME], seconds, times[:HOME, :HOME], precedence)
-        figures |= {"bound": problem.lower_bound(), "variants": len(choices)}
+        figures |= {"bound": problem.lower_bound(), "variants": len(choices)}  # whatever was planned before
+        for arc, own in known.items():
+            times[arc] = own.duration if own.ok else np.inf
         for _ in range(transits):
+            problem = TourProblem(
+                jobs, times[HOME, :HOME], times[:HOME, HOME], seconds, times[:HOME, :HOME], precedence
+            )
             tour = problem.solve(rng=rng)
             arcs = _arcs(tour.options, home=place is not None)
             new = [arc for arc in arcs if arc not in known]
             for a, b in new:
                 begin, end = place if a == HOME else last[a], place if b == HOME else first[b]
                 known[a, b] = plan(checker, begin, end, rng=rng)  # type: ignore[arg-type]  # home is stated for its arcs
-                times[a, b] = known[a, b].duration if known[a, b].ok else np.inf
-            problem = TourProblem(
-                jobs, times[HOME, :HOME], times[:HOME, HOME], seconds, times[:HOME, :HOME], precedence
-            )
+                times[a, b] = known[a, b].duration if known[a, b].ok else np.inf  # also that of the problem
             best = min(best, (problem.seconds(tour.options), tour.options))
             if not new:
                 break
@@ -216,6 +216,11 @@ def follow_all(
                 choices.append((job, variant, start, reverse, other))
         if len(choices) == count:
             break
+        # The choices remain in the order of their jobs
+        ranked = sorted(range(len(choices)), key=lambda k: choices[k][0])
+        moved = {HOME: HOME} | {k: number for number, k in enumerate(ranked)}
+        choices = [choices[k] for k in ranked]
+        known = {(moved[a], moved[b]): own for (a, b), own in known.items()}
     if not np.isfinite(best[0]):
         why = next(each.message for each in known.values() if not each.ok)
         return StrokesPlan(FollowStatus.NO_TRANSIT, f"no transit between the strokes: {why}", **figures)

@@ -21,6 +21,8 @@ SINGULAR = 0.05
 
 def obstruction(rung: Rung) -> Obstruction:
     """Why a rung has no nodes."""
+    if rung.avoided:
+        return Obstruction.AVOIDED
     if len(rung.q):
         return Obstruction.CONTACT
     return Obstruction.LIMIT if rung.outside else Obstruction.OUT_OF_REACH
@@ -42,7 +44,7 @@ def blocked_rungs(checker: CollisionChecker, rungs: list[Rung], turns: int, name
     first, last = rungs[0], rungs[-1]
     where = " to ".join(dict.fromkeys((place_name(first, names), place_name(last, names))))
     over = "at the rotation of the path" if turns == 1 else f"at all {turns or ''} rotations".replace("  ", " ")
-    kind, proven = obstruction(first), all(rung.complete for rung in rungs)
+    kind, proven = obstruction(first), all(rung.complete and not rung.avoided for rung in rungs)
     if kind is not Obstruction.CONTACT:
         outside = f", {sum(rung.outside for rung in rungs)} solutions" if kind is Obstruction.LIMIT else ""
         return BlockedPose(first.at, last.at, kind, f"{where}: {kind.value}{outside} {over}", proven, first.place)

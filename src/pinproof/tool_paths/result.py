@@ -39,6 +39,7 @@ class Obstruction(Enum):
     OUT_OF_REACH = "out of reach"
     LIMIT = "only outside the joint limits"
     CONTACT = "every configuration is in contact"
+    AVOIDED = "only near configurations to avoid"
     JUMP = "every way on would be a jump of the joints"
 
 

@@ -42,6 +42,9 @@ SINGULAR = 0.1
 REDUNDANT, MOST_VALUES = 24, 20_000
 # Smallest singular value of the position and the axis of the tool with which an arm cannot rotate the tool alone.
 NO_ROTATION = 1e-6
+# Rad: a rotation of the tool at an end of its range is in it, up to the accuracy of the closed form.
+AT_END = 1e-6
+COUPLED = "the joints of the arm also move the frame of the path"
 # The link behind the virtual joint of an arm that cannot choose the rotation of the tool.
 SPIN = "tool_rotation"
 # Least duration (s) between rungs for the cost of the effort.
@@ -88,13 +91,15 @@ class PathArm:
 
     ``arm`` has the joints of the checker in the same order, and its poses are those of the tool in the frame of the
     path. ``solved`` leads from its own base to the tool: the other joints, ``external``, move the frame of the path
-    relative to that base. ``spun`` is the same with a virtual joint about the axis of the tool, if it is needed, and
-    ``spin`` the range (rad) of the rotation of the tool, if it is limited.
+    relative to that base. ``coupled`` states that its own joints move that frame too, with followers (mimic): then the
+    targets of a closed form are unknown. ``spun`` is the same with a virtual joint about the axis of the tool, if it is
+    needed, and ``spin`` the range (rad) of the rotation of the tool, if it is limited.
     """
 
     arm: Arm
     solved: Arm
     external: tuple[int, ...] = ()
+    coupled: bool = False
     spun: Arm | None = None
     spin: tuple[float, float] | None = None
 
@@ -113,7 +118,9 @@ class PathArm:
         if isinstance(group, Arm) and frame in (None, group.base):
             return cls(group, solved)
         arm = group.seen_from(solved.base if frame is None else frame, name)
-        return cls(arm, solved, tuple(k for k, joint in enumerate(arm.joint_names) if joint not in solved.joint_names))
+        external = tuple(k for k, joint in enumerate(arm.joint_names) if joint not in solved.joint_names)
+        own = sum(joint.index not in external for joint in arm.chain.joints)
+        return cls(arm, solved, external, own > len(solved.chain.joints))
 
     def with_spin(self, spin: tuple[float, float] | None) -> PathArm:
         """The same with a virtual joint if the solved arm cannot choose the rotation of the tool about its axis.
@@ -122,7 +129,7 @@ class PathArm:
         virtual joint, its closed form finds all of them at any rotation, of which those in a range ``spin`` remain.
         """
         arm = self.solved
-        if arm.dof != 5:
+        if arm.dof != 5 or self.coupled:
             return self
         lower, upper = arm.limits.sampling_range()
         q = np.random.default_rng(0).uniform(lower, upper)
@@ -149,8 +156,10 @@ class PathArm:
         Raises
         ------
         NoClosedForm
-            If the solved arm has no closed form.
+            If the solved arm has no closed form, or its joints move the frame of the path.
         """
+        if self.coupled:
+            raise NoClosedForm(COUPLED)
         values = np.zeros((1, 0)) if grid.external is None else grid.external
         targets = (places[:, None] @ grid.turns[None])[:, :, None]
         if self.arm is not self.solved:
@@ -161,7 +170,7 @@ class PathArm:
         exists = np.arange(found.q.shape[1]) < found.count[:, None]
         if solved is self.spun and self.spin is not None:  # the tool rotates against the virtual joint
             low, high = self.spin
-            exists &= np.remainder(-found.q[:, :, -1] - low, TURN) <= high - low
+            exists &= np.remainder(-found.q[:, :, -1] - low + AT_END, TURN) <= high - low + 2.0 * AT_END
         number, q = exists.sum(axis=1), found.q[exists][:, : self.solved.dof]
         if self.external:
             own, q = q, np.empty((len(q), self.arm.dof))
@@ -209,11 +218,13 @@ def redundant_axes(
     Raises
     ------
     NoClosedForm
-        If the arm has no closed form.
+        If the arm has no closed form, or its joints move the frame of the path.
     InputError
         If values are stated for another joint, are outside its limits, or there are too many combinations.
     """
     arm, solved = path_arm.arm, path_arm.solved
+    if path_arm.coupled:
+        raise NoClosedForm(COUPLED)
     own = [arm.joint_names.index(solved.joint_names[joint]) for joint in AnalyticIk().redundant_joints(solved)]
     joints = (*own, *path_arm.external)
     names = [arm.joint_names[joint] for joint in joints]
@@ -266,6 +277,7 @@ class Rung:
     rates: Array = field(default_factory=lambda: np.empty(0))  # (k,) the costs of the nodes per second
     removed: list[tuple[int, int]] = field(default_factory=list)
     given: bool = False
+    avoided: bool = False  # nodes near the starts to avoid are left out
 
     @property
     def nodes(self) -> Array:

@@ -212,10 +212,8 @@ class Search:
         self._fill(self.rungs)
         if len(self.avoided):  # the motion starts elsewhere
             rung = self.rungs[0]
-            step = rung.nodes[:, None] - self.avoided
-            step -= np.where(arm.periodic, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
-            close = np.all(np.abs(step) <= np.where(arm.angular, NEAR, NEAR_METRES), axis=2)
-            elsewhere = ~np.any(close, axis=1)
+            elsewhere = self._elsewhere(rung.nodes)
+            rung.avoided = not elsewhere.all()
             rung.rates, rung.free[rung.free] = rung.rates[elsewhere], elsewhere
         if self.start is not None:  # the only node of the first rung
             outside = bool(arm.limits.violations(self.start, arm.joint_names))
@@ -227,6 +225,13 @@ class Search:
             )
             self.rungs[0].rates, self.rungs[0].given = np.zeros(int(self.rungs[0].free.sum())), True
         self._connect()
+
+    def _elsewhere(self, q: Array) -> Flags:
+        """(k,) whether configurations q (k, n) are not near one of those that the motion avoids as its start."""
+        step = q.reshape(-1, 1, self.arm.dof) - self.avoided
+        step -= np.where(self.arm.periodic, 2.0 * np.pi * np.round(step / (2.0 * np.pi)), 0.0)
+        near = np.all(np.abs(step) <= np.where(self.arm.angular, NEAR, NEAR_METRES), axis=2)
+        return np.asarray(~near.any(axis=1))
 
     def _sharp(self) -> list[int]:
         """The poses at which the direction of travel changes by more than :data:`SHARP`."""
@@ -313,7 +318,8 @@ class Search:
                 self.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=self.task
             )
             if self.start is None:
-                self._add(self.rungs[0], many.q[self._allowed(many.q, [self.rungs[0]] * len(many.q))])
+                allowed = self._allowed(many.q, [self.rungs[0]] * len(many.q)) & self._elsewhere(many.q)
+                self._add(self.rungs[0], many.q[allowed])
             self._extend(0, self.rungs[0].nodes, len(self.rungs))
             self._connect()
             return True

@@ -129,7 +129,7 @@ def _may_pass(case: Case, places: Sequence[float]) -> bool:
     """Whether some configuration is free at each of some poses; True if that is not decided by a closed form."""
     settings = case.settings
     path_arm = PathArm.of(case.checker.group, settings.get("frame"), settings.get("arm"))
-    if path_arm.arm.dof != 6:
+    if path_arm.arm.dof != 6 or path_arm.external or path_arm.coupled:
         return True
     grid = screening_grid(case.settings.get("free_rotation", True))
     for first in range(0, len(places), 4):

@@ -181,7 +181,7 @@ class TourProblem:
         return np.nan_to_num(times, posinf=BLOCKED)
 
     def exact(self) -> Tour:
-        """The optimum, by dynamic programming over subsets of jobs."""
+        """The optimum, by dynamic programming over subsets of jobs; its time is infinite if no tour is possible."""
         if not self.count:
             return Tour((), (), 0.0)
         # value[jobs, option]: the least time through a subset of jobs (bits of ``mask``) that ends at an option of one
@@ -206,6 +206,8 @@ class TourProblem:
         # back from the best last option
         mask = (1 << self.count) - 1
         last = value[mask] + self.end
+        if not np.isfinite(last).any():  # no tour is possible: one of infinite time through all jobs
+            return self.nearest_neighbour()
         option, chosen = int(last.argmin()), list[int]()
         while option >= 0:
             chosen.append(option)

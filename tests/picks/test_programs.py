@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,6 +29,8 @@ from pinproof.motion import (
     Wait,
 )
 from pinproof.picks import REPORT_SUFFIXES, PickReport, certify_picks_program, export_picks, write_motion_pages
+from pinproof.picks.input.pick import ToolSpeed
+from pinproof.picks.judging.task import PickTask
 
 from .conftest import cell_of
 
@@ -348,6 +351,66 @@ def test_a_move_that_is_too_fast_is_not_free(made, certified) -> None:
     if text.dialect != "krl":  # which states no durations
         proofs = certified(text, *text.steps[:at], replace(text.steps[at], duration=1e-3), *text.steps[at + 1 :])
         assert {proof.status for proof in proofs} == {VIOLATED}
+
+
+@pytest.mark.parametrize("dialect", ["rapid", "krl"])
+def test_programs_keep_the_limits_of_the_tool_that_a_pick_states(report, verdict, dialect) -> None:
+    """KRL states no durations, so that a speed is reached earlier than in a motion that is slowed down."""
+    (program,) = report.programs()
+    pick = replace(verdict.pick, speed={name: ToolSpeed(linear_speed=0.1) for name in ("transit", "transfer", "place")})
+    limited = export_picks(report.setup, [(pick, program)], dialect, output=OUTPUTS[dialect])
+    assert limited.free
+    arm, stages = (
+        report.setup.checker.arm,
+        [name for name, count in limited.program.picks[0].motions for _ in range(count)],
+    )
+    stage = dict(zip([move.line for move in limited.program.moves[1:]], stages, strict=True))
+    text, traces, _ = pp.collision.traced(limited.program, arm)
+    seen = set()
+    for lines, motion in pp.collision.program_motions(text, arm, traces):
+        for line, start, profile in zip(lines, motion.starts, motion.profiles, strict=True):
+            if stage[line] in pick.speed:  # outside the zones, where only this move is executed
+                last = min(start + profile.duration - profile.exit, motion.trajectory.duration)
+                times = np.linspace(start + profile.entry, last, 300)
+                tcp = arm.forward_kinematics_batch(motion.trajectory(times))[:, :3, 3]
+                assert (np.linalg.norm(np.diff(tcp, axis=0), axis=1) / np.diff(times)).max() <= 0.1 * 1.001
+                seen.add(stage[line])
+    assert seen == set(pick.speed)
+    # The program of the same pick without limits is too fast for them
+    faster = exported(report, dialect).program
+    (proofs,) = certify_picks_program(report.setup, [pick], faster)[0]
+    slow = {name for (name, _), proof in zip(faster.picks[0].motions, proofs, strict=True) if proof.status is VIOLATED}
+    assert slow == set(pick.speed)
+
+
+def test_a_program_that_leaves_the_position_limits_is_not_free(text, certified) -> None:
+    """The last joint a turn further on: the same poses, but outside the limits."""
+    turn = np.array([0.0] * 5 + [-2.0 * np.pi])
+    steps = [replace(s, q=s.q + turn) if isinstance(s, JointMove | LinearMove) else s for s in text.steps]
+    with pytest.raises(InputError, match=r"line \d+: wrist_3_joint = -7"):
+        certified(text, *steps)
+
+
+def test_the_hold_of_a_part_is_judged_on_all_moves_with_it(text, certified, monkeypatch) -> None:
+    """Also behind a stop within the transfer."""
+    (pick,) = text.picks
+    names = [name for name, _ in pick.motions]
+    first = 1 + sum(count for _, count in pick.motions[: names.index("transfer")])
+    moves = [k for k, step in enumerate(text.steps) if isinstance(step, JointMove | LinearMove)]
+    before, end = (text.steps[moves[k]] for k in (first - 1, first))
+    middle = replace(end, q=(before.q + end.q) / 2.0, blend=None, line=1000)
+    counts = tuple((name, count + (name == "transfer")) for name, count in pick.motions)
+    starts = []
+
+    class Hold:
+        def peak(self, trajectory):
+            starts.append(trajectory.start)
+            return SimpleNamespace(holds=True)
+
+    monkeypatch.setattr(PickTask, "hold", lambda *_: Hold())
+    at = moves[first]
+    certified(replace(text, picks=(replace(pick, motions=counts),)), *text.steps[:at], middle, *text.steps[at:])
+    assert any(np.abs(q - middle.q).max() < 1e-9 for q in starts)
 
 
 # -- what programs state beside their moves ----------------------------------------------------------------------------

@@ -33,6 +33,7 @@ from pinproof.collision.certificates.linear_traces import (
     trace_line as trace_line,
 )
 from pinproof.collision.certificates.program_limits import (
+    outside_limits as outside_limits,
     overlaps as overlaps,
     shortest_durations as shortest_durations,
     speed_violations as speed_violations,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -77,6 +78,11 @@ def timed_step(
     q = move.path.end
     if not linear:
         percent = round(100 * profile.peak / fastest(move.path, arm.limits).peak)
+        # Slower for a reason: no joint is faster at this share of the velocities
+        if move.duration is not None or move.top is not None:
+            velocity = np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)
+            top = (velocity / np.maximum(np.abs(q - move.path.start), 1e-12)).min()
+            percent = int(100 * profile.peak / top + 1e-6)
         return JointMove(q, profile.duration, blend, percent=min(max(percent, 1), 100))
     first, last = (arm.forward_kinematics(end) for end in (move.path.start, q))
     speed = profile.peak * float(np.linalg.norm(last.translation - first.translation))
@@ -359,8 +365,8 @@ def moves_between_rests(
             best = BlendedMoves(controller_motion(stopping, arm.limits), (None,) * len(stopping))
         # No faster than the curve, which may be slow for a reason
         slower = max(1.0, float(times[last] - times[first]) / best.motion.duration)
-        steps += [
-            timed_step(arm, move, profile.lasting(slower * profile.duration), blend, linear=False)
-            for move, profile, blend in zip(best.motion.moves, best.motion.profiles, best.blends, strict=True)
-        ]
+        for move, profile, blend in zip(best.motion.moves, best.motion.profiles, best.blends, strict=True):
+            duration = slower * profile.duration
+            stated = replace(move, duration=duration) if slower > 1.0 else move
+            steps.append(timed_step(arm, stated, profile.lasting(duration), blend, linear=False))
     return steps

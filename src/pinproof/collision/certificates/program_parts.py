@@ -76,7 +76,7 @@ def executed_parts(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTra
         if isinstance(at, JointMove | LinearMove) and at.blend is not None:
             cover, extent = blend_cover(at.blend, arm, into, out)
             name = f"blend at line {at.line}"
-            yield ExecutedPart(name, at.line, True, cover, extent + even + max(wide, wider))
+            yield ExecutedPart(name, at.line, True, cover, extent + even + wide + wider)
 
 
 def move_paths(program: RobotProgram, traces: Mapping[int, LineTrace]) -> list[tuple[Step, JointPath, float]]:

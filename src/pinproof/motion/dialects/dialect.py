@@ -359,6 +359,7 @@ class Dialect:
     longest = 32  # characters of a name
     comment_mark = ""
     comment_width = 110
+    times = True  # whether moves can state their durations
     exact = False  # whether the controller interpolates a trajectory exactly as pinproof does
     streams = False  # whether the language can send set points at a fixed period
     outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs

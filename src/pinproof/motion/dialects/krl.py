@@ -49,6 +49,7 @@ class Krl(Dialect):
     endings = (".src",)
     longest = 24
     external = 6
+    times = False
     comment_mark = "; pinproof:"
     outputs = "1"
     zones = tuple(Blend(radius, 0.5) for radius in RADII)

@@ -257,14 +257,16 @@ class PickSetup:
         for key, trajectory in program.motions.items():
             part = part_again(task, member, program.certificates[key].name, trajectory)
             if executed is None:
-                proof, timed = prove_part(part, trajectory, 0.0 if part.parting else deviation), trajectory
+                proof = prove_part(part, trajectory, 0.0 if part.parting else deviation)
             else:
-                proof, timed = prove_executed(part, executed[key]), executed[key].timed
+                proof = prove_executed(part, executed[key])
+            timed = (trajectory,) if executed is None else executed[key].timed
             if part.name == RETURN and (off := float(np.abs(trajectory.end - self.home).max())) > GRASP_TOLERANCE:
                 faults[key] = f"the return ends {off:.3g} rad or m from home"
             hold = task.hold(member) if part.name in CARRYING else None
-            if hold is not None and not (peak := hold.peak(timed)).holds:
-                faults[key] = "; ".join(filter(None, [faults.get(key), f"the part {peak}"]))
+            slips = [f"the part {peak}" for each in timed if hold is not None and not (peak := hold.peak(each)).holds]
+            if slips:
+                faults[key] = "; ".join(filter(None, [faults.get(key), slips[0]]))
             if fault := faults.get(key):
                 message = f"{fault}; {proof.message}"
                 proof = replace(proof, status=CertificateStatus.VIOLATED, clearance=np.nan, message=message)

@@ -492,13 +492,13 @@ class ExecutedMotion:
     """What a controller executes of a motion: its moves and its blends, and when.
 
     Each joint may differ from ``path`` by ``tolerance`` (n,), and from each of the ``blends`` by its own tolerance.
-    ``timed`` is the motion by the rules of the controller between the stops before and after it.
+    ``timed`` are the motions by the rules of the controller, from stop to stop, that contain its moves.
     """
 
     path: JointPath
     tolerance: Array
     blends: tuple[ExecutedPart, ...]
-    timed: Trajectory
+    timed: tuple[Trajectory, ...]
 
 
 def prove_executed(part: MotionPart, executed: ExecutedMotion) -> Certificate:

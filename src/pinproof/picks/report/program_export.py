@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -24,6 +24,7 @@ from pinproof.collision import (
     blended_moves,
     executed_parts,
     is_proven_free,
+    outside_limits,
     overlaps,
     program_motions,
     speed_violations,
@@ -35,7 +36,7 @@ from pinproof.collision import (
 )
 from pinproof.common.results import Shown, View
 from pinproof.common.structs import key, struct
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, TimingError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import (
     Blend,
@@ -49,9 +50,11 @@ from pinproof.motion import (
     LinearMove,
     MotionProgram,
     MotionRecord,
+    Profile,
     ProgramEvent,
     ProgramPick,
     ProgramSegment,
+    RateConstraint,
     Remark,
     RobotProgram,
     SetLoad,
@@ -59,6 +62,7 @@ from pinproof.motion import (
     Step,
     ToolData,
     ToolLimits,
+    TorqueLimits,
     Wait,
     certificate_id,
     controller_motion,
@@ -246,8 +250,11 @@ HALVED = 4
 ENOUGH = 1.03
 """Duration of moves, in that of the certified motion, below which no faster ones are searched."""
 
-ROUNDS = 6
+ROUNDS = 12
 """How often moves are made slower until all limits are kept."""
+
+SLOWER, RATES_KEPT = 1.0005, 1.001
+"""By how much more moves are made slower, and up to which excess limits are kept: texts round joint values."""
 
 
 class NoMoves(InputError):
@@ -390,25 +397,54 @@ class PickMoves:
 
     def _within_limits(self, stages: Sequence[str], moves: Sequence[ControllerMove]) -> ControllerMotion:
         """The motion, as slow as the limits of torques, of the grip and of the tool require."""
-        limits, checker = self._arm.limits, next(iter(self._parts.values())).checker
+        checker = next(iter(self._parts.values())).checker
         rates = {stage: rate_limits(self._task, self._member, stage, checker) for stage in stages}
-        motion, own = controller_motion(moves, limits), list(moves)
+        limits, own = self._arm.limits, list(moves)
+
+        def slower(move: ControllerMove, profile: Profile, excess: float) -> ControllerMove:
+            """The move with a longer duration, or at a lower speed if the language states none."""
+            if excess <= 1.0:
+                return move
+            if self._language.times:
+                return replace(move, duration=SLOWER * excess * profile.duration)
+            return replace(move, top=profile.peak / (SLOWER * excess))
+
         for k, stage in enumerate(stages) if any(rates.values()) else ():
             single = controller_motion([replace(own[k], zone=None)], limits)
             excess = max((float(np.max(limit.excess(single.trajectory))) for limit in rates[stage]), default=0.0)
-            if excess > 1.0:
-                own[k] = replace(own[k], duration=excess * single.duration)
-        common = [limit for stage in rates for limit in rates[stage] if not isinstance(limit, ToolLimits)]
+            own[k] = slower(own[k], single.profiles[0], excess)
         for _ in range(ROUNDS):
             motion = controller_motion(own, limits)
-            excess = max((float(np.max(limit.excess(motion.trajectory))) for limit in common), default=0.0)
-            if excess <= 1.0:
+            excesses = rate_excess(motion, stages, rates)
+            if excesses.max() <= 1.0:
                 break
-            own = [
-                replace(move, duration=1.001 * excess * profile.duration)
-                for move, profile in zip(own, motion.profiles, strict=True)
-            ]
+            own = [slower(*each) for each in zip(own, motion.profiles, excesses.tolist(), strict=True)]
         return motion
+
+
+def rate_excess(
+    motion: ControllerMotion, stages: Sequence[str], rates: Mapping[str, Sequence[RateConstraint]]
+) -> Array:
+    """Factors (k,) by which the moves of a motion must be longer to keep the limits of their stages.
+
+    Limits of torques and of the grip apply to the motion, those of the tool to the moves of their stage; where two
+    moves are superposed, those of one of them must be kept.
+    """
+    knots = motion.trajectory.bezier()[0]
+    middle = (knots[1:] + knots[:-1]) / 2.0
+    pieces = {stage: np.zeros(len(middle)) for stage in stages}
+    common = 0.0
+    for stage, own in pieces.items():
+        for limit in rates[stage]:
+            excess = np.asarray(limit.excess(motion.trajectory))
+            if isinstance(limit, ToolLimits):
+                np.maximum(own, excess, out=own)
+            else:
+                common = max(common, float(excess.max()))
+    ends = zip(motion.starts, motion.profiles, strict=True)
+    passed = np.array([(start <= middle) & (middle <= start + profile.duration) for start, profile in ends])
+    least = np.where(passed, np.array([pieces[stage] for stage in stages]), np.inf).min(axis=0)
+    return np.maximum(np.where(passed, least, 0.0).max(axis=1), common)
 
 
 @dataclass(frozen=True, eq=False)
@@ -549,11 +585,12 @@ def certify_picks_program(
     parts = dict[int, list[ExecutedPart]]()
     for part in executed_parts(program, arm, traces):
         parts.setdefault(part.line, []).append(part)
-    timed = {line: motion.trajectory for lines, motion in program_motions(program, arm, traces) for line in lines}
+    motions = program_motions(program, arm, traces)
     overlapping = [
         f"the blend at line {line} may overlap with the one before it" for line in overlaps(program, arm, traces)
     ]
-    too_fast = "; ".join(speed_violations(program, arm, traces))
+    beyond = [*outside_limits(program, arm, traces), *speed_violations(program, arm, traces)]
+    too_fast = "; ".join(beyond)
     fault = too_fast or "; ".join([*untraced, *overlapping, *filter(None, [tool_fault(program, arm)])])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
     # Remarks, loads and checks of a sensor, after which the program continues or ends, move nothing
@@ -565,7 +602,7 @@ def certify_picks_program(
             raise UnknownNameError("pick", planned.name, by_name)
         # Each motion takes its moves from the text; outputs and waiting times follow the last move of a motion.
         clock, segments, events, records = 0.0, list[ProgramSegment](), list[ProgramEvent](), {}
-        moved = dict[str, list[int]]()
+        moved, stage_of = dict[str, list[int]](), dict[int, str]()
         for name, count in planned.motions:
             moves = [start]
             while len(moves) <= count and steps and isinstance(steps[0], JointMove | LinearMove):
@@ -574,7 +611,11 @@ def certify_picks_program(
                 raise InputError(f"the {name} of pick {planned.name!r} has {count} moves, which the text does not have")
             points = [move.q for move in (moves[0], moves[-1]) if isinstance(move, JointMove | LinearMove)]
             start = moves[-1]
-            motion = time_parametrise(JointPath(np.array(points), program.joint_names), arm.limits)
+            stage_of |= {move.line: name for move in moves[1:]}
+            try:
+                motion = time_parametrise(JointPath(np.array(points), program.joint_names), arm.limits)
+            except TimingError as error:  # a point is outside the limits
+                raise InputError(next(iter(beyond), str(error))) from error
             # a pick without an object has one certificate for all of its motions
             certified = "pick" if by_name[planned.name].object_name is None else name
             record = MotionRecord(certified, 0, 0, "UNDECIDED", None, 0, 0, "", "")
@@ -604,7 +645,7 @@ def certify_picks_program(
                 ),
                 np.max([part.tolerance for part in own if not part.blend], axis=0),
                 tuple(part for part in own if part.blend),
-                timed[moved[hashed][0]],
+                tuple(motion.trajectory for timed, motion in motions if set(timed) & set(moved[hashed])),
             )
             for hashed, own in owned.items()
             if moved[hashed] and not untraced
@@ -612,6 +653,36 @@ def certify_picks_program(
         proofs = setup.recertify(
             executed, by_name[planned.name], deviation=program.deviation, executed=None if untraced else shown
         )
+        # The limits of torques and of the tool, which depend on the times of the moves
+        task, member = setup.made_by(by_name[planned.name], planned.member)
+        for passed, executes in motions if not untraced else ():
+            names = [stage_of[line] for line in passed if line in stage_of]
+            if len(names) < len(passed):  # of another pick, or of two
+                if names:
+                    fault = fault or f"line {passed[len(names) - 1]}: the arm must stop at the end of a pick"
+                continue
+            try:
+                limits = {name: rate_limits(task, member, name, setup.checker) for name in names}
+                rates = {
+                    name: [each for each in own if isinstance(each, ToolLimits | TorqueLimits)]
+                    for name, own in limits.items()
+                }
+                slower = dict(zip(passed, rate_excess(executes, names, rates), strict=True))
+                what = " and ".join(dict.fromkeys(limit.name for own in rates.values() for limit in own))
+                reasons = {
+                    line: f"line {line}: it must take {excess:.4g} times as long to keep the limits of {what}"
+                    for line, excess in slower.items()
+                    if excess > RATES_KEPT
+                }
+            except TimingError as error:
+                reasons = dict.fromkeys(passed, str(error))
+            proofs = tuple(
+                replace(proof, status=CertificateStatus.VIOLATED, clearance=math.nan, message=reasons[found[0]])
+                if (found := [line for line in moved[key] if line in reasons])
+                and proof.status is not CertificateStatus.COLLIDING
+                else proof
+                for key, proof in zip(executed.motions, proofs, strict=True)
+            )
         if fault:
             wrong = partial(replace, status=status, clearance=math.nan, message=fault)
             proofs = tuple(wrong(proof) if too_fast or untraced or proof.free else proof for proof in proofs)

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 import pinproof as pp
-from pinproof.collision import certify_program, export_program
+from pinproof.collision import certify_program, executed_parts, export_program, traced
 from pinproof.collision.certificates.linear_traces import ROUNDED, UNIT, interpolation_difference, levers, trace_line
 from pinproof.collision.certificates.program_limits import shortest_durations
 from pinproof.collision.certificates.program_parts import blend_cover, zone_shares
@@ -238,6 +238,23 @@ def test_every_move_and_blend_is_certified_with_the_deviations_that_it_allows(bl
         assert (each.tube.joints >= 0.1 * sides.max(axis=0) + deviation - 1e-12).all()
         assert (each.tube.joints <= 1.5 * sides.max(axis=0) + deviation + 0.01).all()
     assert len({tuple(each.tube.joints) for each in certificates[4:]}) == 3
+
+
+def test_a_blend_between_linear_moves_covers_the_tolerances_of_both() -> None:
+    """Both changes of a superposition may be off their traces, so that their sum is off by both."""
+    arm = pp.load_robot("ur5").arm()
+    pose = arm.forward_kinematics(BENT)
+    poses = [pose * pp.pose((0.0, 0.05 * k, 0.0), rpy=(0.0, 0.1 * k, 0.05 * k)) for k in (1, 2)]
+    ends = [trace_line(arm, BENT, poses[0]).path.end]
+    ends.append(trace_line(arm, ends[0], poses[1]).path.end)
+    steps = [JointMove(BENT), LinearMove(ends[0], speed=0.1, blend=Blend(0.01)), LinearMove(ends[1], speed=0.1)]
+    program, traces, reasons = traced(make_program(steps, arm.joint_names, dialect="urscript"), arm)
+    assert not reasons
+    (part,) = (part for part in executed_parts(program, arm, traces) if part.blend)
+    one, other = traces.values()
+    _, extent = blend_cover(Blend(0.01), arm, one.path, other.path)
+    assert min(one.tolerance, other.tolerance) > 1e-5
+    assert (part.tolerance >= extent + one.tolerance + other.tolerance - 1e-12).all()
 
 
 def test_an_edit_that_leads_into_an_obstacle_is_not_free(cell: Cell) -> None:

@@ -117,6 +117,7 @@ def test_a_campaign_follows_each_path_by_itself(run: Cli) -> None:
         (("job.json", "--export", "rapd", "-o", "out"), ("rapd", "rapid")),
         (("job.json", "--export", "rapid"), ("-o FOLDER",)),
         (("job.json", "--process-output", "2"), ("--export",)),
+        (("job.json", "--process-dwell", "2"), ("--export",)),
         (("job.json", "-o", "report.txt"), (".txt", ".csv")),
         (("job.json", "--colour", "depth"), ("depth", "clearance")),
         (("job.json", "--export", "rapid", "--process-output", "2x!", "-o", "out"), ("--process-output", "names")),

@@ -123,6 +123,10 @@ def test_differences_of_any_table_apply_to_every_row(tmp_path, robot, head):
     for q in np.random.default_rng(0).uniform(-2, 2, (50, arm.dof)):
         actual = calibrated.forward_kinematics(q).homogeneous
         np.testing.assert_allclose(actual, expected.forward_kinematics(q), rtol=0, atol=1e-12)
+    # The Panda has fingers, one of which follows the other
+    effect = calibrated.robot.info().calibration
+    assert effect is not None
+    assert 1e-4 < effect.mean_shift < 0.02
 
 
 RAIL = """<link name="floor"/><joint name="rail" type="prismatic"><parent link="floor"/><child link="base_link"/>

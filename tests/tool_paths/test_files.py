@@ -154,6 +154,13 @@ def test_an_unknown_frame_is_named_with_the_valid_ones(tmp_path):
         job.placed(job.load_checker())
 
 
+def test_a_tip_is_added_to_an_arm_whose_fingers_follow_each_other(tmp_path):
+    stroke = {"points": SQUARE, "normals": UP}
+    job = job_of(tmp_path, stroke, robot="panda", held={"panda_finger_joint1": 0.02}, tip={"xyz": [0, 0, 0.1]})
+    arm = job.load_arm()
+    assert (arm.tcp, arm.held["panda_finger_joint2"]) == ("tool_tip", 0.02)
+
+
 def test_a_closed_stroke_may_start_anywhere_and_be_reversed():
     points = np.add(SQUARE, [0.4, 0, 0.2])
     stroke = Stroke("a", ToolPath.through(points, UP, speed=[0.1, 0.2, 0.3, 0.4], names="abcde"), closed=True)

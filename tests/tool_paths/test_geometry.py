@@ -106,6 +106,12 @@ def test_the_lines_of_a_raster_have_their_spacing_and_alternate():
     assert all(0.085 < np.abs(line[[0, -1], 0]).min() < 0.0951 for line in lines)
 
 
+def test_lines_that_end_on_the_edges_are_joined_at_both_ends():
+    (stroke,) = raster(BOX, direction=X, spacing=0.02, margin=0.0)
+    assert np.ptp(points_of(stroke), axis=0) == pytest.approx([0.2, 0.08, 0.0])
+    assert stroke.path.length == pytest.approx(5 * 0.2 + 4 * 0.02)
+
+
 def test_a_raster_with_an_offset_stays_at_this_distance():
     ball = trimesh.creation.icosphere(4, 0.1)
     (stroke,) = raster(ball, direction=X, spacing=0.02, offset=0.01)

@@ -81,6 +81,8 @@ def follow(
     """
     if (program is not None) + (campaign is not None) + (out.stated or html is not None) > 1:
         raise InputError("--program and --campaign have no report; remove -o, --save, --html and --export")
+    if out.process_dwell and out.export is None:
+        raise InputError("--process-dwell needs --export")
     if pool.stated and campaign is None:
         raise InputError("--workers and --dask are for --campaign; add --campaign FOLDER")
     arm, scene, job = cell.open_job(file)

@@ -1049,7 +1049,7 @@ def _calibration_effect(robot: Robot, arm: Arm) -> CalibrationEffect | None:
     """What the calibration of a robot changes at the tcp of an arm; None without one."""
     if robot.nominal is None:
         return None
-    nominal = robot.nominal.arm(arm.tcp, base=arm.base, held=arm.held)
+    nominal = robot.nominal.arm(arm.tcp, base=arm.base).with_held(arm.held)
     q = np.random.default_rng(0).uniform(*arm.limits.sampling_range(), size=(EFFECT_SAMPLES, arm.dof))
     before, after = nominal.forward_kinematics_batch(q), arm.forward_kinematics_batch(q)
     shifts = np.linalg.norm(after[:, :3, 3] - before[:, :3, 3], axis=1)

@@ -215,7 +215,8 @@ class ToolJob(Shown):
         if self.settings.tip.isIdentity():
             return arm
         urdf = with_frame(arm.robot.urdf, TIP, arm.tcp, self.settings.tip.homogeneous)
-        return replace(arm.robot, urdf=urdf).arm(TIP, base=arm.base, limits=arm.limits, held=arm.held)
+        # with_held ignores the values of mimic joints, which follow from those of the others
+        return replace(arm.robot, urdf=urdf).arm(TIP, base=arm.base, limits=arm.limits).with_held(arm.held)
 
     def with_part(self, arm: Arm) -> JointGroup:
         """An arm and the joints outside it that move the frame of the paths; the arm itself if there are none."""

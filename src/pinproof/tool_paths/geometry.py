@@ -373,7 +373,9 @@ def _link(surface: Surface, begin: Array, end: Array, up: Array, inside: Flags) 
     across = np.cross(end - begin, up)
     if (size := np.linalg.norm(across)) < 1e-12:
         return None
-    for points, normals in surface.section(begin, across / size, inside):
+    # A section through an edge at the end of the surface exists for one of the two directions of its normal
+    sections = (chain for sign in (1.0, -1.0) for chain in surface.section(begin, sign * across / size, inside))
+    for points, normals in sections:
         # The places of both points on the line
         places = []
         for point in (begin, end):

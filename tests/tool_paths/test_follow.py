@@ -8,6 +8,7 @@ import pytest
 from benchmarks.tool_path_audits import arm_of, random_problem, wrong
 
 import pinproof as pp
+from pinproof.description import with_frame
 from pinproof.motion import CubicPath
 from pinproof.planning import Route
 from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath
@@ -417,6 +418,21 @@ def test_an_arm_that_cannot_choose_the_rotation_of_the_tool_finds_the_one_of_eac
     assert "at all rotations" in far.message
     assert pp.follow(five, path, free_rotation=(-2.05, -0.25)).ok
     assert not pp.follow(five, path, free_rotation=(-0.1, 0.2)).ok
+
+
+@pytest.mark.parametrize("roll", [np.pi / 2, 1.5708])
+def test_an_arm_that_rolls_its_tool_chooses_the_rotation_whatever_digits_its_tip_has(roll):
+    robot = pp.load_robot("so100")
+    tip = pp.pose((0.0, -0.09, 0.0), (roll, 0.0, 0.0)).homogeneous
+    arm = replace(robot, urdf=with_frame(robot.urdf, "tip", robot.arm().tcp, tip)).arm("tip")
+    low, high = arm.limits.lower, arm.limits.upper
+    q = np.random.default_rng(0).uniform(low + 0.2 * (high - low), high - 0.2 * (high - low), (8000, arm.dof))
+    tips = arm.forward_kinematics_batch(q)
+    for point in tips[tips[:, 2, 2] < -0.9995][:4, :3, 3]:
+        inwards = 0.01 * np.array([*point[:2], 0.0]) / np.linalg.norm(point[:2])
+        path = ToolPath.through([point, point - inwards], UP, speed=0.02)
+        plan = pp.follow(pp.CollisionChecker(arm), path, rotations=12).or_raise()
+        assert wrong(plan, CHECKED) == []
 
 
 @pytest.mark.parametrize("free_rotation", [(0.0, 0.0), (0.0, 0.5), (-0.5, 0.0)])

@@ -127,3 +127,22 @@ def test_only_a_path_whose_pose_is_proven_is_impossible(job, tmp_path):
         own = replace(job, strokes=(Stroke("far", away),), free_rotation=free)
         (row,) = path_campaign(own).run(tmp_path / verdict, executor=ThreadPoolExecutor(1)).rows()
         assert (row["verdict"], row["failed_at"]) == (verdict, "blocked")
+
+
+def test_a_path_that_is_out_of_reach_by_less_than_its_deviation_is_not_impossible(job, tmp_path):
+    arm, reach = job.load_checker().arm, 0.5
+    pose = pp.pose((0.0, 0.0, 0.3), (np.pi, 0.0, 0.0)).homogeneous
+    while True:  # the last place on this line that is reached, to 1 mm
+        pose[0, 3] = reach
+        if not pp.AnalyticIk().solve_all(arm, pose).ok:
+            break
+        reach += 1e-3
+    ends = np.array([pose, pose])
+    ends[1, 1, 3] = 0.02
+    own = replace(job, strokes=(Stroke("edge", ToolPath(ends)),), free_rotation=False, approach=0.0, deviation=5e-3)
+    checker = own.load_checker()
+    (row,) = path_campaign(own).run(tmp_path, executor=ThreadPoolExecutor(1)).rows()
+    near = ends.copy()
+    near[:, 0, 3] -= 2e-3
+    inside = pp.follow(checker, ToolPath(near), **{**own.options, "deviation": 2e-3})
+    assert (row["verdict"], inside.ok) == ("not found", True)  # a motion within 4 mm of the path exists

@@ -166,6 +166,26 @@ def test_a_short_arm_with_a_turntable_is_not_screened_as_an_arm_of_six_joints():
     assert pp.tool_paths.suggest_changes(plan, settings, budget=1) == ()
 
 
+def test_a_table_is_at_rest_if_the_joint_that_it_follows_is_held(tmp_path):
+    gear = TABLE.format(root="base_link", flange="tool0", kind="revolute", limits=LIMITS.format(3.0)).replace(
+        "</robot>",
+        '<link name="dish"/><joint name="gear" type="revolute"><parent link="plate"/><child link="dish"/>'
+        + LIMITS.format(3.0)
+        + '<mimic joint="table" multiplier="0.5"/></joint></robot>',
+    )
+    text = pp.load_robot("ur5").urdf.text.replace("</robot>", gear)
+    pp.load_robot(text).save_urdf(tmp_path / "cell.urdf")
+    content = {
+        "robot": "cell.urdf", "tcp": "tip", "frame": "dish",
+        "strokes": [{"points": [[0.09, 0.0, 0.1]], "normals": [[0.3, 0.0, 1.0]]}],
+    }  # fmt: skip
+    for held, moves in (({}, True), ({"table": 0.5}, False)):
+        (tmp_path / "job.json").write_text(json.dumps(content | {"held": held}))
+        job = pp.tool_paths.read_tool_paths(tmp_path / "job.json")
+        assert (job.carrier is not None) is moves
+        assert job.load_arm().dof == 6 + moves
+
+
 def test_a_second_arm_turns_the_part_in_front_of_the_torch():
     arm = pp.load_robot("ur5").arm()
     cell = pp.assemble({"torch": (arm, pp.pose((0, 0, 0))), "holder": (arm, pp.pose((1.0, 0, 0), (0, 0, np.pi)))})

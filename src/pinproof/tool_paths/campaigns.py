@@ -9,10 +9,16 @@ from typing import Any
 from pinproof.collision import CollisionChecker
 from pinproof.common.content_hash import digest
 from pinproof.common.validation import require_integer
+from pinproof.ik import prove_unreachable
 from pinproof.picks import ItemCampaign, PickStatus
 from pinproof.tool_paths.files import ToolJob
 from pinproof.tool_paths.following import follow
+from pinproof.tool_paths.result import Obstruction
+from pinproof.tool_paths.search import ROUNDED
 from pinproof.tool_paths.strokes import Stroke
+
+# Largest numbers of blocked poses of a path that are tried to be proven out of reach, and of boxes of each proof.
+PROVEN, BOXES = 4, 2000
 
 
 def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng: int = 0) -> ItemCampaign:
@@ -82,11 +88,21 @@ class StrokeList:
 
 
 def judge_path(setup: PathSetup, index: int, stroke: Stroke) -> dict[str, Any]:
-    """The row of a path. It is impossible only if the pose that is blocked is proven to be so at every tilt."""
+    """The row of a path. It is impossible only if one of its poses is proven to be out of reach by its tolerances."""
     del index
-    plan = follow(setup.checker, stroke.path, **setup.settings)
-    fixed = setup.settings["free_rotation"] is False and not setup.settings["tilts"]
-    proven = fixed and any(own.proven for own in plan.blocked)
+    plan, settings = follow(setup.checker, stroke.path, **setup.settings), setup.settings
+    proven = False
+    if settings["free_rotation"] is False:
+        # The tool may be this far from a blocked pose, which is itself on a rounding of the path
+        tolerances = {
+            f"{name}_tolerance": (1.0 + ROUNDED) * settings[key]
+            for name, key in (("position", "deviation"), ("orientation", "rotation_deviation"))
+        }
+        far = [own for own in plan.blocked if own.proven and own.obstruction is Obstruction.OUT_OF_REACH]
+        proven = any(
+            prove_unreachable(setup.checker.arm, own.place, **tolerances, budget=BOXES, search=False).proven
+            for own in far[:PROVEN]
+        )
     verdict = PickStatus.GOOD if plan.ok else PickStatus.IMPOSSIBLE if proven else PickStatus.NOT_FOUND
     row = {"name": stroke.name, "verdict": verdict.value, "failed_at": None if plan.ok else plan.status.name.lower()}
     return {**row, "reason": "" if plan.ok else plan.message, **plan.to_dict()}

@@ -194,8 +194,9 @@ class ToolJob(Shown):
         if name in ("", *self.settings.frames, *self.load_scene()):
             return None
         arm = self.settings.load_arm()
-        moving = {joint: 0.0 for joint in arm.held if joint not in self.settings.held}
-        return (name, placement) if name in arm.robot.urdf.links and moved_by(arm.robot.urdf, name, moving) else None
+        urdf, held = arm.robot.urdf, self.settings.held
+        moving = [joint for joint in arm.held if joint not in held and urdf.joints[joint].mimic is None]
+        return (name, placement) if name in urdf.links and moved_by(urdf, name, moving) else None
 
     def load_arm(self) -> JointGroup:
         """Load the arm that the file states, with its limits and held joints; its tcp is the tip of the tool.

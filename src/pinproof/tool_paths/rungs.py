@@ -40,8 +40,10 @@ CLEARANCE = 0.02
 SINGULAR = 0.1
 # Number of values of a redundant joint by default, and largest number of combinations of values of several.
 REDUNDANT, MOST_VALUES = 24, 20_000
-# Smallest singular value of the position and the axis of the tool with which an arm cannot rotate the tool alone.
-NO_ROTATION = 1e-6
+# Smallest singular value of the position and the axis of the tool with which an arm cannot rotate the tool alone, and
+# the number of configurations at which it is computed. Axes that differ by the rounding of a description, such as
+# 1.5708 for pi/2, count as parallel.
+NO_ROTATION, COMPARED = 1e-5, 8
 # Rad: a rotation of the tool at an end of its range is in it, up to the accuracy of the closed form.
 AT_END = 1e-6
 COUPLED = "the joints of the arm also move the frame of the path"
@@ -132,8 +134,9 @@ class PathArm:
         if arm.dof != 5 or self.coupled:
             return self
         lower, upper = arm.limits.sampling_range()
-        q = np.random.default_rng(0).uniform(lower, upper)
-        if np.linalg.svd(arm.jacobian(q, reference="LOCAL")[:5], compute_uv=False)[-1] < NO_ROTATION:
+        many = np.random.default_rng(0).uniform(lower, upper, (COMPARED, arm.dof))
+        jacobians = np.array([arm.jacobian(q, reference="LOCAL")[:5] for q in many])
+        if np.linalg.svd(jacobians, compute_uv=False)[:, -1].max() < NO_ROTATION:
             return self
         limits = dict(zip(arm.joint_names, zip(arm.limits.lower, arm.limits.upper, strict=True), strict=True))
         urdf = with_spin(arm.robot.urdf, SPIN, arm.tcp)

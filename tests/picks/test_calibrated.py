@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickStatus
+from pinproof.picks import PickStatus, export_picks, recertify_program
 
 from ..model import calibrations
 from .conftest import named, recheck
@@ -29,9 +30,14 @@ def picks(tmp_path_factory: pytest.TempPathFactory) -> pp.Picks:
     return pp.read_picks(folder / "picks.yaml")
 
 
-def test_good_picks_reach_their_targets_and_are_free_by_the_true_kinematics(picks):
+@pytest.fixture(scope="module")
+def report(picks) -> pp.picks.PickReport:
+    arm = picks.load_arm()
+    return pp.validate_picks(arm, pp.Scene.load(picks.scene), picks, home=arm.home)
+
+
+def test_good_picks_reach_their_targets_and_are_free_by_the_true_kinematics(picks, report):
     arm, scene = picks.load_arm(), pp.Scene.load(picks.scene)
-    report = pp.validate_picks(arm, scene, picks, home=arm.home)
     good = named(report.verdicts, "bolt_1")
     assert good.status is PickStatus.GOOD
     recheck(good, arm, scene, picks)
@@ -43,6 +49,21 @@ def test_good_picks_reach_their_targets_and_are_free_by_the_true_kinematics(pick
     assert named(report.verdicts, "bolt_3").status is PickStatus.IMPOSSIBLE
     assert not named(report.verdicts, "bolt_6").ok
     assert "calibration.conf" in report.to_markdown()
+
+
+def test_a_program_for_another_calibration_is_noted_and_does_not_reach_the_grasp(picks, report, tmp_path: Path):
+    good = named(report.verdicts, "bolt_1")
+    (program,) = (each for each in report.programs() if each.name == "bolt_1")
+    made = export_picks(report.setup, [(good.pick, program)], "urscript", output="0")
+    assert made.free
+    made.program.save(tmp_path / "bolt_1.script")
+    same = recertify_program(report.setup, [good.pick], tmp_path / "bolt_1.script")
+    assert (same.ok, same.notes) == (True, made.notes)
+    nominal = replace(picks, calibration=None).load_arm()
+    setup = pp.picks.PickSetup.make(nominal, pp.Scene.load(picks.scene), picks, home=None, rng=0)
+    other = recertify_program(setup, [good.pick], tmp_path / "bolt_1.script")
+    assert not other.ok
+    assert any("another certificate" in note for note in other.notes)
 
 
 def test_each_robot_of_a_cell_has_its_own_calibration(tmp_path: Path):

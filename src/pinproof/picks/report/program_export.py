@@ -201,9 +201,7 @@ def export_picks(
         if free or final:
             break
     if free:
-        records = [each.motion_record() for motions in certificates for each in motions]
-        text = json.dumps([record.to_dict() for record in records], sort_keys=True)
-        hashed = hashlib.sha256(text.encode("utf-8")).hexdigest()
+        hashed = _hash_of(certificates)
         uncovered = "; ".join(notes)
         written = write(steps, picks=executed, deviation=allowed, certificate=hashed, uncovered=uncovered)
     if deviation is None and allowed < usual:
@@ -242,6 +240,12 @@ def _steps_of_picks(
                     steps += [] if load is None else [SetLoad(load if grips else None)]
         executed.append(ProgramPick(pick.name, program.member, tuple(counts)))
     return steps, executed
+
+
+def _hash_of(certificates: Iterable[Iterable[Certificate]]) -> str:
+    """The hash of the proofs of a program, which its text names."""
+    records = [each.motion_record().to_dict() for motions in certificates for each in motions]
+    return hashlib.sha256(json.dumps(records, sort_keys=True).encode("utf-8")).hexdigest()
 
 
 HALVED = 4
@@ -512,6 +516,11 @@ def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path)
             for pick, row in zip(text.picks, certificates, strict=True)
             for name, proof in zip([name for name, _ in pick.motions] if len(row) > 1 else ["pick"], row, strict=True)
         ]
+        if text.certificate not in ("", _hash_of(certificates)):
+            notes = (
+                *notes,
+                "the program names another certificate: the robot, the scene, the picks or the tool differ",
+            )
         return ProgramCheck(text.name, tuple(motions), not text.certificate, notes)
     stored = MotionProgram.load(path, allow_changes=True)
     by_name = {pick.name: pick for pick in picks}

@@ -224,6 +224,16 @@ def test_the_motion_begins_at_a_given_configuration(ur5, free):
     assert refused.blocked[0].obstruction is Obstruction.CONTACT
 
 
+def test_a_start_at_the_first_pose_leaves_each_line_its_speed(free):
+    path = ToolPath.through(LINE[::3], UP, speed=[0.02, 0.2])
+    usual = pp.follow(free, path, rotations=8).or_raise()
+    again = pp.follow(free, path, rotations=8, start=usual.trajectory.start).or_raise()
+    (piece,) = again.pieces
+    assert (piece.first, piece.last) == (0.0, 2.0)
+    assert again.duration == pytest.approx(usual.duration, rel=0.05)
+    assert wrong(again, CHECKED) == []
+
+
 def test_a_motion_that_avoids_the_start_of_another_starts_in_another_branch(free):
     path, starts = ToolPath.through(LINE, UP, speed=0.1), []
     for _ in range(3):

@@ -202,9 +202,11 @@ class Search:
             lines.insert(0, (-1.0, [frames[0] * pose((0.0, 0.0, -self.approach)), frames[0]]))
         if self.departure > 0.0:
             lines.append((len(frames) - 1.0, [frames[-1], frames[-1] * pose((0.0, 0.0, -self.departure))]))
-        first, rounding = lines[0][0], self.rounding
-        for _, line in lines:
-            self.routes += [route for route in routes_through(line, *rounding) if route.length > 0.0]
+        first, rounding = 0.0, self.rounding
+        for at, line in lines:
+            routes = [route for route in routes_through(line, *rounding) if route.length > 0.0]
+            first = first if self.routes or not routes else at  # without a line from the first pose to itself
+            self.routes += routes
         if self.routes:
             self.rungs = rungs_of(self.routes, first, *self.spacing)
         else:

@@ -1197,3 +1197,19 @@ class Reach:
     def points(self) -> list[LoopPoint]: ...
     @property
     def constraints(self) -> list[tuple[int, int]]: ...
+
+class CellArm:
+    def __init__(
+        self,
+        solver: IkSolver,
+        seeds: NDArray[numpy.float64],
+        plan: ArmPlan | None,
+        *,
+        attempts: int,
+        base: int,
+        joints: Sequence[int],
+    ) -> None: ...
+
+def cell_block(
+    world: World, joints: NDArray[numpy.int64], poses: NDArray[numpy.float64], arms: Sequence[CellArm]
+) -> NDArray[numpy.float64]: ...

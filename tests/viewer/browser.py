@@ -195,6 +195,13 @@ class Page:
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
+    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
+        """Press the mouse at a place of the window, move it in steps, and release it."""
+        for k, kind in enumerate(("mouseMoved", "mousePressed", *["mouseMoved"] * steps, "mouseReleased")):
+            share = min(max(k - 1, 0) / steps, 1.0)
+            x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+            self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
     def resize(self, width: int, height: int) -> None:
         size = {"width": width, "height": height}
         self.send("Emulation.setDeviceMetricsOverride", **size, deviceScaleFactor=1, mobile=False)

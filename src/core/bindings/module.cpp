@@ -19,6 +19,7 @@ void bind_certificate(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
 void bind_planning(nanobind::module_& module);
 void bind_reach(nanobind::module_& module);
+void bind_web(nanobind::module_& module);
 
 }  // namespace pinproof
 
@@ -59,6 +60,6 @@ NB_MODULE(_core, module) {
     module.attr("SOURCE_HASH") = PINPROOF_SOURCE_HASH;
     using namespace pinproof;
     for (auto* bind :
-         {bind_arms, bind_closed_form, bind_collision, bind_certificate, bind_timing, bind_planning, bind_reach})
+         {bind_arms, bind_closed_form, bind_collision, bind_certificate, bind_timing, bind_planning, bind_reach, bind_web})
         bind(module);
 }

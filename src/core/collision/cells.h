@@ -29,6 +29,8 @@ struct CellTree {
     BoxTree tree;
     std::vector<CellBox> boxes;  // in the order of the leaves
 
+    CellTree() = default;
+
     // Boxes from `low` (N, 3) to `high` (N, 3), in cells of a side (m), which do not overlap. They are joined along z,
     // then y, then x, if they have a common face.
     CellTree(std::span<const std::int64_t> low, std::span<const std::int64_t> high, double side);

@@ -29,7 +29,9 @@ struct TriangleMesh {
     BoxTree tree;
     std::vector<Triangle> triangles;  // in the order of the leaves
     std::vector<Vec3> witnesses;      // a point of each connected part
-    bool closed;                      // whether the triangles enclose a volume
+    bool closed = false;              // whether the triangles enclose a volume
+
+    TriangleMesh() = default;
 
     // `corners` has nine coordinates per triangle, `points` three per witness.
     TriangleMesh(std::span<const double> corners, std::span<const double> points, bool closed);

@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
+#include <vector>
+
+#if !defined(__wasm__)  // without threads
 #include <system_error>
 #include <thread>
-#include <vector>
+#endif
 
 namespace pinproof {
 
@@ -36,6 +39,7 @@ void share_rows(std::size_t count, std::size_t threads, MakeWorker make_worker) 
     workers.reserve(threads);
     for (std::size_t i = 0; i < threads; ++i) workers.push_back(make_worker());
     Rows rows(count);
+#if !defined(__wasm__)
     std::vector<std::thread> others;
     others.reserve(threads - 1);
     try {
@@ -43,8 +47,11 @@ void share_rows(std::size_t count, std::size_t threads, MakeWorker make_worker) 
     } catch (const std::system_error&) {
         // The system has no more threads; those that exist do the work.
     }
+#endif
     workers[0](rows);
+#if !defined(__wasm__)
     for (std::thread& other : others) other.join();
+#endif
 }
 
 }  // namespace pinproof

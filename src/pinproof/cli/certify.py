@@ -123,7 +123,7 @@ def certify_motion(
         with progress_status("sampling"):
             audit = pp.audit(trajectory, checker, step=proof.audit_step)
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, checker=checker)
     if proof.save_proof is not None and certificate.free:
         certificate.save(proof.save_proof)
 

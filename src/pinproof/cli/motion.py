@@ -158,6 +158,11 @@ def view(
         "A layer to show at first: collision, frames or sweep; can be given several times.", None, metavar="LAYER"
     ),
     html: options.Html = None,
+    live: bool | None = options.option(
+        "Whether the page of --html computes: what is moved in it is checked for contacts. Default: if that enlarges "
+        "it by 1 MB at most.",
+        None,
+    ),
     port: int = options.option("Port of the live view on 127.0.0.1; 0 selects a free port.", 0, min=0),
     browser: bool = options.option("Open the live view in the browser.", True),
     ignore_record: options.IgnoreRecord = False,
@@ -188,7 +193,7 @@ def view(
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": setup.attachments.bodies}
     # A motion is certified; a configuration is checked if there is something to collide with.
     if motion is not None:
-        checker = setup.checker(arm, world)
+        content["checker"] = checker = setup.checker(arm, world)
         content["trajectory"] = trajectory = options.load_motion(motion, checker, ignore_record)
         with progress_status("certifying"):
             content["certificate"] = pp.certify(trajectory, checker)
@@ -197,7 +202,8 @@ def view(
         options.note_limits(arm, configuration)
         if q is not None or setup.surrounds:
             try:
-                content["check"] = setup.checker(arm, world).check(configuration)
+                content["checker"] = checker = setup.checker(arm, world)
+                content["check"] = checker.check(configuration)
             except MeshError as error:
                 print_error(f"not checked for contacts: {error}")
         if branches:
@@ -212,6 +218,6 @@ def view(
         if png_options.png is not None:  # first, because it fails without a browser: then no file is written
             pp.write_png(png_options.png, arm, world, **content, time=png_options.time, size=size)
         if html is not None:
-            pp.write_html(html, arm, world, **content)
+            pp.write_html(html, arm, world, **content, live=live)
     files = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
     print_result(files, written(*files.values()), as_json=as_json)

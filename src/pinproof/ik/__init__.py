@@ -29,5 +29,6 @@ from pinproof.ik.task import (
     make_task as make_task, orientation_tolerance_of as orientation_tolerance_of, posture as posture,
 )  # fmt: skip
 from pinproof.ik.tracking import Tracker as Tracker, TrackResult as TrackResult, track as track
+from pinproof.ik.arm_of_page import web_arm as web_arm
 
 __all__ = faces.exported(globals())

@@ -143,7 +143,7 @@ class PlannedMotion(Answer):
 
         motion, content = self._pictured()
         checker = self.checker
-        write_html(path, checker.group, checker.scene, motion, plot=self._plot_limits(), **content)
+        write_html(path, checker.group, checker.scene, motion, plot=self._plot_limits(), checker=checker, **content)
 
     def _pictured(self) -> tuple[Trajectory | None, dict[str, Any]]:
         """The motion, and the further content of its picture as for :func:`pinproof.write_html`."""

@@ -190,9 +190,8 @@ class FollowReport(Saved):
         if self.ok:
             content["certificate"] = motion.certificate
         title = self.job.source.stem if self.job.source else ""
-        write_html(
-            path, checker.group, checker.scene, motion.trajectory if self.ok else None, title=title, **content
-        )  # fmt: skip
+        shown = motion.trajectory if self.ok else None
+        write_html(path, checker.group, checker.scene, shown, title=title, checker=checker, **content)
 
     def _view(self) -> View:
         table = Rows(COLUMNS, list(self.rows()), len(self.strokes), numbers=COLUMNS[2:6])

@@ -21,6 +21,7 @@ from pinproof.spatial import Array
 from pinproof.viewer import panels
 from pinproof.viewer.panels import legend
 from pinproof.viewer.picture import Picture, PictureContent, RenderedPicture
+from pinproof.viewer.web_cell import web_cell_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -31,6 +32,7 @@ SUMMARY_FIGURES = ("Proven clearance", "Duration")
 SIDE = """<section class="side card">
 <div id="caption" aria-label="What is proven about this motion">{caption}</div>
 <button type="button" id="moment" hidden>Show the contact</button>
+<section id="live" aria-label="Check other poses" hidden></section>
 <fieldset id="layers"><legend>Show</legend></fieldset>
 <p class="hint">Drag to orbit, scroll to zoom, right-drag to pan.
 <span class="keys"><kbd>space</kbd> plays, <kbd>&larr;</kbd> <kbd>&rarr;</kbd> step,
@@ -52,6 +54,7 @@ def write_html(
     trajectory: Trajectory | None = None,
     *,
     plot: PlotLimits | None = None,
+    live: bool | None = None,
     **content: Unpack[PictureContent],
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
@@ -97,6 +100,13 @@ def write_html(
         The limits in the plots of position, velocity, acceleration, jerk and torque over time, which the page shows
         below the motion. Default: the limits of position and velocity of the arm, and those of acceleration and jerk
         if they are known.
+    live
+        Whether the page computes: joints, a target of the tcp, obstacles and the base of the robot can be moved, and
+        the page checks each pose for contacts, with the compiled core as WebAssembly. Default: True if that enlarges
+        the page by 1 MB at most.
+    checker
+        The checker with which such a page checks. Default: one of the arm, the scene and the attached objects, with the
+        margin of the certificate and without the pairs that it leaves out.
 
     Raises
     ------
@@ -108,12 +118,25 @@ def write_html(
     ViewerError
         If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
-    panels.write_page(path, render_page(Picture(arm, scene, trajectory, **content), plot=plot).text)
+    panels.write_page(path, render_page(Picture(arm, scene, trajectory, **content), plot=plot, compute=live).text)
 
 
-def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits | None = None) -> Page:
-    """Create the page; ``live`` is the identifier of a page that receives events from the server of the live view."""
+def render_page(
+    picture: Picture,
+    *,
+    live: str | None = None,
+    plot: PlotLimits | None = None,
+    compute: bool | None = False,
+) -> Page:
+    """Create the page; ``live`` is the identifier of a page that receives events from the server of the live view.
+
+    ``compute`` is the parameter ``live`` of :func:`write_html`.
+    """
     rendered, motion = picture.render(), picture.trajectory
+    cell = web_cell_of(picture, rendered, compute)
+    script = panels.part("motion_page.js")
+    if cell is not None:
+        script += panels.part("compute.js") + panels.part("live_page.js")
     caption = rendered.caption
     # The line below the title, which is the caption of a picture without controls
     shown = [f"{name.lower()} {value}" for name, value in caption.figures if name in SUMMARY_FIGURES]
@@ -125,12 +148,13 @@ def render_page(picture: Picture, *, live: str | None = None, plot: PlotLimits |
         picture.title or picture.arm.robot.name,
         "motion",
         picture.panel + plots + SIDE.format(caption=caption.html(rendered.stage.notes)),
-        {**rendered.settings, "live": live},
+        {**rendered.settings, "live": live, "web": None if cell is None else cell.settings},
         rendered.commands,
         label="Three-dimensional view",
         summary=summary,
         colours=() if picture.points is None else picture.points.legend,
-        script=panels.part("motion_page.js"),
+        script=script,
+        texts=None if cell is None else cell.texts,
         live=live is not None,
     )
     return Page(text, rendered)

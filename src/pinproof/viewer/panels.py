@@ -25,7 +25,7 @@ from pinproof.viewer.wire import script_json as script_json
 
 # The page runs only the scripts that it contains; the browser blocks every network request.
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "default-src 'none'; script-src 'unsafe-inline'{compute}; style-src 'unsafe-inline'; "
     "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
 )
 
@@ -177,6 +177,7 @@ def page(
     head: str = "",
     colours: Iterable[tuple[str, str | Sequence[float]]] = (),
     script: str = "",
+    texts: Mapping[str, str] | None = None,
     live: bool = False,
 ) -> str:
     """The HTML of a page with a film.
@@ -184,8 +185,9 @@ def page(
     The widths and heights depend on the ``layout``: ``motion``, ``picks`` or ``cell``. ``panels``, ``summary`` and
     ``head`` are HTML: of the panels, of the line below the title, and of the right end of the header; ``title`` and
     ``label``, for readers of the screen, are plain text. ``settings`` is an object of the scripts, in which references
-    to arrays of ``commands`` become typed arrays; ``script`` runs after :data:`SCRIPTS`. A ``live`` page may receive
-    events from the server that sent it.
+    to arrays of ``commands`` become typed arrays; ``script`` runs after :data:`SCRIPTS`. ``texts`` become
+    elements with these identifiers, for a page that computes with WebAssembly. A ``live`` page may receive events from
+    the server that sent it.
     """
     # The colours that the scripts draw with
     bundle, licences = _viewer_bundle()
@@ -199,7 +201,7 @@ def page(
         "head": head,
         "legend": legend(colours),
         "panels": panels,
-        "policy": POLICY.format(connect="'self'" if live else "'none'"),
+        "policy": POLICY.format(compute=" 'wasm-unsafe-eval'" if texts else "", connect="'self'" if live else "'none'"),
         "style": theme.css() + part("page.css"),
         "licences": _inside_script(licences),
         "bundle": _inside_script(bundle),
@@ -207,6 +209,7 @@ def page(
         "commands": script_json(commands.items),
         "pictures": script_json([*commands.pictures.items()]),
         "buffers": commands.base64(),
+        "texts": "".join(f'<script type="text/plain" id="{n}">{text}</script>' for n, text in (texts or {}).items()),
         "script": f'"use strict";\n(function () {{\n{scripts}\n{script}\nwindow.pinproof.ready = true;\n}})();',
     }
     # In a single pass, so that inserted text is never replaced again

@@ -14,7 +14,15 @@ from typing import Any, TypedDict
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CertificateStatus, CheckResult, Obstacle, Scene, proven_millimetres
+from pinproof.collision import (
+    Certificate,
+    CertificateStatus,
+    CheckResult,
+    CollisionChecker,
+    Obstacle,
+    Scene,
+    proven_millimetres,
+)
 from pinproof.common import theme
 from pinproof.common.validation import require_type
 from pinproof.errors import InputError, UnknownNameError, ViewerError
@@ -141,6 +149,7 @@ class RenderedPicture:
     caption: Caption
     moving: bool
     frames: tuple[str, ...]
+    curve: SelfMotionCurve | None = None  # along which a slider moves the arm
 
     @property
     def start(self) -> float:
@@ -162,6 +171,7 @@ class PictureContent(TypedDict, total=False):
     layers: Collection[str]
     elbow: SelfMotion | SelfMotionCurve | None
     panel: str
+    checker: CollisionChecker | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +192,7 @@ class Picture:
     layers: Collection[str] = ()
     elbow: SelfMotion | SelfMotionCurve | None = None
     panel: str = ""
+    checker: CollisionChecker | None = None
 
     def render(self) -> RenderedPicture:
         """Create the drawing commands, the settings and the caption.
@@ -271,7 +282,7 @@ class Picture:
             "layers": self._layers(stage, shown, wanted, len(marks), len(steps), len(ghost_poses), len(ghosts)),
         }
         moving = self.trajectory is not None or curve is not None
-        return RenderedPicture(stage, commands, settings, caption, moving, tuple(shown.frames))
+        return RenderedPicture(stage, commands, settings, caption, moving, tuple(shown.frames), curve)
 
     def _curve(self) -> SelfMotionCurve | None:
         """The curve of the slider: the longest one of a self-motion."""

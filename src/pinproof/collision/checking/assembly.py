@@ -30,7 +30,7 @@ from pinproof.collision.geometry.surfaces import Cells
 from pinproof.collision.scene import Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointGroup, Robot
-from pinproof.spatial import Array
+from pinproof.spatial import Array, matrix
 from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
 ROUNDING = 1e-9
@@ -221,6 +221,12 @@ class CheckedBodies:
     def geometry_model(self) -> Any:
         """A copy of Pinocchio's geometry model of all bodies and checked pairs, for other libraries."""
         return self._coal_geometry().clone()
+
+    def joints_of_links(self, links: Sequence[str]) -> tuple[Indices, Array]:
+        """Return the core's joint of each link (K,), -1 for none, and the poses of the links on them (K, 4, 4)."""
+        placed = [_joints(self.group)[1][link] for link in links]
+        poses = np.array([matrix(pose) for _, pose in placed]).reshape(-1, 4, 4)
+        return np.array([joint for joint, _ in placed], dtype=np.int64), poses
 
     def _coal_geometry(self) -> Any:
         """The geometry model itself, which must not be changed; created on first access."""

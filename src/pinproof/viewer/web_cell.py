@@ -1,0 +1,138 @@
+"""What a page computes with: the core as WebAssembly, a cell as one block of numbers, and the names of its parts.
+
+The block has its only writer and its only reader in the core (``src/core/web/cell.h``); this module names what the
+numbers stand for.
+"""
+
+from __future__ import annotations
+
+import zlib
+from base64 import b64encode
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from pinproof._core import cell_block
+from pinproof.collision import CollisionChecker
+from pinproof.errors import InputError, PinproofError
+from pinproof.ik import web_arm
+from pinproof.motion import Trajectory
+from pinproof.spatial import Array, matrix
+from pinproof.viewer.picture import Picture, RenderedPicture
+from pinproof.viewer.wire import script_json
+
+MOST_BYTES = 1_000_000
+"""A page computes by default if that enlarges it by at most this."""
+
+MOST_MOMENTS = 600
+"""Moments of a motion at which a page knows the configuration; it interpolates in between."""
+
+
+@dataclass(frozen=True, eq=False)
+class WebCell:
+    """A checker as a page needs it.
+
+    ``block`` is the block of numbers, ``settings`` are the names, ``links`` the frames whose poses a check returns.
+    """
+
+    block: Array
+    settings: dict[str, Any]
+    links: tuple[str, ...]
+
+    @classmethod
+    def of(cls, checker: CollisionChecker, links: tuple[str, ...] = (), q: Array | None = None) -> WebCell:
+        """Describe a checker; a page also places ``links``, and opens at the configuration q (n,)."""
+        group, world = checker.group, checker.world
+        ends = [link for base_and_tcp in group.ends.values() for link in base_and_tcp]
+        frames = tuple(dict.fromkeys((*links, *ends)))
+        arms = [web_arm(arm, frames.index(arm.base), group.indices(name).tolist()) for name, arm in group.arms.items()]
+        block = np.asarray(cell_block(world, *checker.joints_of_links(frames), arms))
+        # The numbers of the bodies of each obstacle among those of all obstacles
+        obstacles: dict[str, list[int]] = {}
+        own = sum(body.link is not None for body in checker.bodies)
+        for number, body in enumerate(checker.bodies[own:]):
+            obstacles.setdefault(body.owner, [number, 0])[1] = number + 1
+        lower, upper = group.limits.sampling_range()
+        poses = {thing.name: matrix(thing.pose) for thing in checker.scene.obstacles}
+        settings = {
+            "joints": [
+                {"name": name, "lower": low, "upper": high, "unit": "rad" if angular else "m"}
+                for name, low, high, angular in zip(
+                    group.joint_names, lower.tolist(), upper.tolist(), group.angular.tolist(), strict=True
+                )
+            ],
+            "q": (group.home if q is None else q).tolist(),
+            "arms": [
+                {"name": name, "tcp": frames.index(arm.tcp), "base": arm.base, "joints": group.indices(name).tolist()}
+                for name, arm in group.arms.items()
+            ],
+            "frames": frames,
+            "owners": [body.owner for body in checker.bodies],
+            "obstacles": [
+                {"name": name, "bodies": numbers, "pose": poses[name].ravel().tolist()}
+                for name, numbers in obstacles.items()
+            ],
+            "margin": checker.margin,
+            "robot": group.robot.name,
+        }
+        return cls(block, settings, frames)
+
+    @cached_property
+    def texts(self) -> dict[str, str]:
+        """The module and the block in base64, compressed, for the elements of a page with these identifiers."""
+        numbers = self.block.astype("<f8").tobytes()
+        return {"core": _module(), "cell": b64encode(zlib.compress(numbers, 9)).decode("ascii")}
+
+
+@cache
+def _module() -> str:
+    module = files("pinproof.viewer").joinpath("core.wasm").read_bytes()
+    return b64encode(zlib.compress(module, 9)).decode("ascii")
+
+
+def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None) -> WebCell | None:
+    """Return what a page computes with; None if that is not wanted, or too large where it is only the default.
+
+    A picture whose cell cannot be checked, for example because a mesh is missing, is a page that does not compute.
+    """
+    if wanted is False:
+        return None
+    certificate, proven, checker = picture.certificate, rendered.caption.headline == "FREE", picture.checker
+    try:
+        if checker is None:
+            # What the proof does not cover is not shown as a contact either
+            margin = 0.0 if certificate is None else certificate.margin
+            allowed = [] if certificate is None else [pair.owners for pair in certificate.excluded]
+            arm, scene, attached = picture.arm, picture.scene, picture.attached
+            checker = CollisionChecker(arm, scene, margin=margin, attached=attached, allowed=allowed)
+        if checker.group.joint_names != picture.arm.joint_names:
+            raise InputError(f"checker has the joints {checker.group.joint_names}, arm has {picture.arm.joint_names}")
+        q = picture.arm.home if picture.q is None else picture.arm.configuration(picture.q)
+        links = tuple(link.name for link in rendered.stage.links if link.name in picture.arm.robot.urdf.links)
+        cell = WebCell.of(checker, tuple(dict.fromkeys((*links, *rendered.frames))), q)
+    except PinproofError:
+        if wanted is None:
+            return None
+        raise
+    settings: dict[str, Any] = {"proven": proven, "motion": None}
+    found = None if picture.trajectory is None else moments(picture.trajectory)
+    if rendered.curve is not None:
+        found = rendered.curve.values - rendered.curve.lower, rendered.curve.q
+    if found is not None:
+        times, configurations = found
+        settings["q"] = configurations[0].tolist()
+        settings["motion"] = {"times": times.tolist(), "q": configurations.ravel().tolist()}
+    cell.settings.update(settings)
+    if wanted is None and sum(map(len, cell.texts.values())) + len(script_json(cell.settings)) > MOST_BYTES:
+        return None
+    return cell
+
+
+def moments(motion: Trajectory) -> tuple[Array, Array]:
+    """Times (F,) and configurations (F, n) of a motion, close enough to each other for a page to interpolate."""
+    times = np.unique(np.concatenate([motion.times, np.linspace(0.0, motion.duration, MOST_MOMENTS // 2)]))
+    times = np.unique(np.append(times[:: len(times) // MOST_MOMENTS + 1], motion.duration))
+    return times, np.asarray(motion(times), dtype=float)

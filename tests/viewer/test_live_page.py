@@ -1,0 +1,206 @@
+"""Pages that compute, in a real browser with real keys and a real mouse, against the checker in Python."""
+
+import json
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import Box, CollisionChecker, Obstacle, Scene
+from pinproof.spatial import pose
+from pinproof.viewer import write_html
+
+from .conftest import certified, small_arm, swing, turn
+
+HOSTILE = '</script><script>window.hacked=1</script>"><img src=x onerror="window.hacked=1">\n- {name: x}'
+
+PLACE = """(() => {
+  const T = pinproof.viewer.scene_tree.find(["live"]).object, at = new MeshCat.THREE.Vector3(%f, %f, %f);
+  const p = T.localToWorld(at).project(pinproof.viewer.camera);
+  const box = document.getElementById("meshcat-pane").getBoundingClientRect();
+  return [box.left + (p.x + 1) / 2 * box.width, box.top + (1 - p.y) / 2 * box.height];
+})()"""
+"""Where a point of the root frame is in the window."""
+
+
+def opened(visit, name, *size):
+    """A page that computes, with its panel unfolded."""
+    page = visit(name, *size)
+    page.wait_for("pinproof.model")
+    page.click("#live summary")
+    page.wait_for("document.querySelector('#live details').open")
+    return page
+
+
+def now(page):
+    """The configuration shown, the lower bound of the clearance, and the contacts by their owners."""
+    text = "(() => { const m = pinproof.model.now(); return { q: m.q, lower: m.checked.lower, reason: m.reason,"
+    text += " contacts: m.checked.contacts.map((c) => [c.a, c.b].map((k) => pinproof.settings.web.owners[k])) }; })()"
+    return page.evaluate(text)
+
+
+def agrees(page, checker):
+    """What the page shows is what Python computes."""
+    shown = now(page)
+    q = np.array(shown["q"])
+    contacts = {frozenset(contact.bodies) for contact in checker.check(q).contacts}
+    assert {frozenset(pair) for pair in shown["contacts"]} == contacts
+    if not contacts:
+        assert shown["lower"] == pytest.approx(checker.clearance(q), abs=2e-9)
+    return q
+
+
+@pytest.fixture(scope="module")
+def checker(ur5, cell):
+    return CollisionChecker(ur5, cell)
+
+
+@pytest.fixture(scope="module")
+def written(pages, ur5, cell, checker):
+    write_html(pages("live"), ur5, cell, q=ur5.home, checker=checker)
+    return "live"
+
+
+def test_sliders_and_keys_move_the_joints_and_each_pose_is_checked(visit, written, ur5, checker):
+    page = opened(visit, written, 1000, 700)
+    assert np.allclose(agrees(page, checker), ur5.home)
+    page.evaluate("document.querySelector('#live input[type=range]').focus()")
+    for _ in range(3):
+        page.key("ArrowRight")
+    page.wait_for(f"pinproof.model.now().q[0] > {ur5.home[0]} + 0.01")
+    q = agrees(page, checker)
+    assert np.allclose(q[1:], ur5.home[1:])
+    x = ur5.root_from_frame(q, "forearm_link").translation[0]  # where it is drawn in the next frame
+    page.wait_for(
+        f"Math.abs(pinproof.viewer.scene_tree.find(['robot', 'forearm_link']).object.position.x - {x}) < 1e-6"
+    )
+    assert "Only this pose is checked" in page.text("#live-state")
+    # into the table, which is named and red
+    page.evaluate("pinproof.model.tryPose([0, 0.4, 0.5, 0, 0, 0])")
+    agrees(page, checker)
+    assert "is in contact with table" in page.text("#live-pair")
+    red, green, _ = page.evaluate(
+        "(() => { let c; pinproof.viewer.scene_tree.find(['scene', 'table']).object.traverse((m) => {"
+        " if (m.isMesh) c = c || m.material.color.toArray(); }); return c; })()"
+    )
+    assert red > 2 * green
+    page.click("#live-undo")
+    assert np.allclose(agrees(page, checker), ur5.home)
+    page.click("#live-command")
+    words = page.evaluate("document.getElementById('live-text').value")
+    assert words.startswith("pinproof check ur5 --q '0 -1.5708")
+
+
+def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, ur5, checker):
+    page = opened(visit, written, 1000, 700)
+    before = ur5.forward_kinematics(ur5.home)
+    start = page.evaluate(PLACE % tuple(before.translation))
+    page.drag(start, (start[0] - 60, start[1] - 40))
+    page.wait_for("pinproof.model.now().trying")
+    q = agrees(page, checker)
+    after = ur5.forward_kinematics(q)
+    assert np.linalg.norm(after.translation - before.translation) > 0.03
+    assert np.allclose(after.rotation, before.rotation, atol=1e-6)
+    assert np.allclose(page.evaluate(PLACE % tuple(after.translation)), (start[0] - 60, start[1] - 40), atol=8)
+    # all branches of the closed form, one after the other
+    every = pp.AnalyticIk().solve_all(ur5, after, q).branches
+    assert page.text("#live-reason") == f"Solution 1 of {len(every)}."
+    for _ in every:
+        page.click("#live-next")
+        other = np.array(now(page)["q"])
+        assert np.abs(every - other).max(axis=1).min() < 1e-6
+        assert ur5.forward_kinematics(other).isApprox(after, 1e-6)
+    # out of reach: the reason is stated, and the arm does not move
+    far = [1, 0, 0, 3.0, 0, 1, 0, 0, 0, 0, 1, 0.4, 0, 0, 0, 1]
+    page.evaluate(f"pinproof.model.moveTo(pinproof.model.matrixOf({far}), true)")
+    assert page.text("#live-reason").startswith("Unreachable: no configuration has this pose")
+    assert np.array_equal(now(page)["q"], other)
+
+
+def test_an_obstacle_and_the_robot_are_moved_by_numbers(visit, written, ur5, cell, checker):
+    page = opened(visit, written, 1000, 700)
+    choose = "const s = document.getElementById('live-thing'); s.value = '{}'; s.dispatchEvent(new Event('change'));"
+    page.evaluate(choose.format("obstacle left wall"))
+    enter = "const e = document.querySelectorAll('#live .place input')[{}]; e.value = {};"
+    enter += " e.dispatchEvent(new Event('change'));"
+    page.evaluate(f"{{ {enter.format(2, 400)} }}")
+    wall = cell["left wall"]
+    moved = Obstacle("left wall", wall.shape, pose(xyz=(*wall.pose.translation[:2], 0.4)))
+    things = [moved if thing.name == "left wall" else thing for thing in cell.obstacles]
+    agrees(page, checker.with_scene(Scene(things)))
+    assert "The cell was changed" in page.text("#live-state")
+    assert np.allclose(page.node("scene", "left wall")[2], 0.4)
+    page.click("#live-yaml")
+    yaml = page.evaluate("document.getElementById('live-text').value")
+    assert '- {name: "left wall", xyz: [0.35, 0.3, 0.4]}  # obstacles' in yaml
+    page.click("#live-undo")
+    agrees(page, checker)
+    page.evaluate("{" + choose.format("robot") + "}")
+    page.evaluate(f"{{ {enter.format(5, 90)} }}")
+    turned = pose(rpy=(0, 0, -np.pi / 2))
+    agrees(page, checker.with_scene(Scene([Obstacle(t.name, t.shape, turned * t.pose) for t in cell.obstacles])))
+
+
+def test_a_page_of_a_motion_states_what_is_proven_and_follows_it(visit, pages, ur5, cell):
+    motion = turn(ur5)
+    certificate = certified(ur5, cell, motion)
+    write_html(pages("moving"), ur5, cell, motion, certificate=certificate)
+    page = opened(visit, "moving", 1000, 700)
+    page.seek(1.0)
+    page.wait_for("!pinproof.model.now().trying && Math.abs(pinproof.viewer.animator.time - 1) < 1e-6")
+    page.wait_for(f"Math.abs(pinproof.model.now().q[0] - {motion(1.0)[0]}) < 1e-3")
+    agrees(page, CollisionChecker(ur5, cell))
+    assert page.text("#live-state").startswith("Proven: the motion.") == certificate.free
+    page.evaluate("pinproof.model.tryPose([0, -1, 1, 0, 0, 0])")
+    assert "Shown is another pose" in page.text("#live-state")
+    assert np.allclose(page.evaluate("pinproof.model.now().q"), [0, -1, 1, 0, 0, 0])
+    page.seek(0.5)
+    page.wait_for("!pinproof.model.now().trying")
+
+
+def test_names_of_bodies_run_no_scripts_and_numbers_without_end_stop_nothing(visit, pages):
+    arm = small_arm(upper='<visual><geometry><box size="0.5 0.08 0.08"/></geometry></visual>'
+                          '<collision><geometry><box size="0.5 0.08 0.08"/></geometry></collision>')  # fmt: skip
+    scene = Scene([Obstacle(HOSTILE, Box(0.1, 0.1, 0.1), pose(xyz=(0.0, 0.6, 0.1)))])
+    write_html(pages("hostile"), arm, scene, q=[1.5, 0.0])
+    page = opened(visit, "hostile", 900, 600)
+    page.evaluate(f"{{ const s = document.getElementById('live-thing'); s.value = {json.dumps('obstacle ' + HOSTILE)};"
+                  " s.dispatchEvent(new Event('change')); }")  # fmt: skip
+    page.evaluate("pinproof.model.moveTo(pinproof.model.matrixOf([1,0,0,0.2,0,1,0,0,0,0,1,0.1,0,0,0,1]), true)")
+    page.click("#live-yaml")
+    text = page.evaluate("document.getElementById('live-text').value")
+    assert len(text.splitlines()) == 2
+    assert json.dumps(HOSTILE) in text
+    for numbers in ("[NaN, 0]", "[Infinity, 0]", "[1e300, -1e300]"):
+        page.evaluate(f"pinproof.model.tryPose({numbers})")
+    page.evaluate("pinproof.model.tryPose([0.5, 0])")
+    for entry in ("NaN", "1e300", "-1e300"):
+        page.evaluate(f"pinproof.model.moveTo(pinproof.model.matrixOf(Array(16).fill({entry})), true)")
+    assert page.evaluate("window.hacked") is None
+    assert page.evaluate("document.querySelectorAll('img').length") == 0
+
+
+def test_without_webassembly_the_page_shows_report_and_picture(visit, pages):
+    arm = small_arm()
+    write_html(pages("plain"), arm, None, swing(arm), live=True)
+    text = pages("plain").read_text(encoding="utf-8")
+    without = text.replace("<title>", "<script>delete window.WebAssembly;</script><title>", 1)
+    pages("without").write_text(without, encoding="utf-8")
+    at = text.index('id="core">') + len('id="core">')
+    pages("broken").write_text(text[:at] + "AAAA" + text[at + 4 :], encoding="utf-8")
+    for name in ("without", "broken"):
+        page = visit(name, at="#t=0.5")
+        page.evaluate("pinproof.live")
+        assert page.evaluate("document.getElementById('live').hidden")
+        assert page.text("#verdict") == "NOT VALIDATED"
+        assert page.canvas().std() > 5
+
+
+def test_a_page_computes_by_default_where_it_grows_little(pages, ur5, cell):
+    write_html(pages("default"), ur5, cell)
+    write_html(pages("never"), ur5, cell, live=False)
+    grown = pages("default").stat().st_size - pages("never").stat().st_size
+    assert 1e5 < grown < 1e6
+    never = pages("never").read_text(encoding="utf-8")
+    assert "wasm-unsafe-eval" not in never
+    assert 'id="core"' not in never

@@ -262,6 +262,7 @@ class Rows:
     acceleration_source: str = "the arm"
     notes: tuple[str, ...] = ()
     setup: None = None
+    items: str = "picks"
     save = CampaignResult.save
 
     @property

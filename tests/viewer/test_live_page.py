@@ -95,8 +95,11 @@ def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, 
     page = opened(visit, written, 1000, 700)
     before = ur5.forward_kinematics(ur5.home)
     start = page.evaluate(PLACE % tuple(before.translation))
-    page.drag(start, (start[0] - 60, start[1] - 40))
-    page.wait_for("pinproof.model.now().trying")
+    for _ in range(10):  # a press before the handle is drawn does not meet it
+        page.drag(start, (start[0] - 60, start[1] - 40))
+        if page.evaluate("pinproof.model.now().trying"):
+            break
+    assert page.evaluate("pinproof.model.now().trying")
     q = agrees(page, checker)
     after = ur5.forward_kinematics(q)
     assert np.linalg.norm(after.translation - before.translation) > 0.03
@@ -186,14 +189,11 @@ def test_without_webassembly_the_page_shows_report_and_picture(visit, pages):
     text = pages("plain").read_text(encoding="utf-8")
     without = text.replace("<title>", "<script>delete window.WebAssembly;</script><title>", 1)
     pages("without").write_text(without, encoding="utf-8")
-    at = text.index('id="core">') + len('id="core">')
-    pages("broken").write_text(text[:at] + "AAAA" + text[at + 4 :], encoding="utf-8")
-    for name in ("without",):
-        page = visit(name, at="#t=0.5")
-        page.evaluate("pinproof.live")
-        assert page.evaluate("document.getElementById('live').hidden")
-        assert page.text("#verdict") == "NOT VALIDATED"
-        assert page.canvas().std() > 5
+    page = visit("without", at="#t=0.5")
+    page.evaluate("pinproof.live")
+    assert page.evaluate("document.getElementById('live').hidden")
+    assert page.text("#verdict") == "NOT VALIDATED"
+    assert page.canvas().std() > 5
 
 
 def test_a_page_computes_by_default_where_it_grows_little(pages, ur5, cell):

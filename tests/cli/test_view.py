@@ -122,7 +122,7 @@ def test_page_and_motion_are_written_to_the_stated_files(run: Cli) -> None:
 
 def check_page(browser: Browser, path: Path, *seconds: float, least: float = 0.15) -> None:
     """At each time, the robot covers ``least`` to 60 % of the canvas and all links are visible; FREE is shown."""
-    page = browser.open(f"{path.as_uri()}#t={seconds[0]}")
+    page = browser.open(f"{path.as_uri()}#t={seconds[0]}", 960, 620)
     try:
         assert page.text("#verdict") == "FREE"
         assert "Proven clearance" in page.text("#caption")

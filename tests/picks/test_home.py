@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.errors import InputError
 from pinproof.motion import JointMove, MotionProgram, Remark, RobotProgram
 from pinproof.picks import PickReport, certify_picks_program, export_picks, recertify_program
 from pinproof.picks.report.program_details import with_return
@@ -108,3 +109,9 @@ def test_a_program_that_ends_with_the_part_in_the_hand_does_not_return(report) -
     same, reason = with_return(report.setup, verdict.pick, kept)
     assert same is kept
     assert "part" in reason
+
+
+def test_a_file_of_another_kind_is_refused_with_the_endings_of_programs(report, tmp_path: Path) -> None:
+    (tmp_path / "program.txt").write_text("MOVE A1\n")
+    with pytest.raises(InputError, match=r"\.mod .*\.json"):
+        recertify_program(report.setup, [report.good[0].pick], tmp_path / "program.txt")

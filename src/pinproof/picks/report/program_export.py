@@ -66,6 +66,7 @@ from pinproof.motion import (
     Wait,
     certificate_id,
     controller_motion,
+    dialect_of_file,
     find_dialect,
     is_program_file,
     make_program,
@@ -522,6 +523,11 @@ def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path)
                 "the program names another certificate: the robot, the scene, the picks or the tool differ",
             )
         return ProgramCheck(text.name, tuple(motions), not text.certificate, notes)
+    if path.suffix.lower() != ".json":
+        try:
+            dialect_of_file(path)
+        except InputError as error:
+            raise InputError(f"{error}, or .json for a motion program of pinproof") from error
     stored = MotionProgram.load(path, allow_changes=True)
     by_name = {pick.name: pick for pick in picks}
     if stored.name not in by_name:

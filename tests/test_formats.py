@@ -541,6 +541,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"finite|inf|nan\b|too large for a double"
     r"|inhomogeneous|a second|already named|named .* twice|is not a name|joint \S+ must be a name"
     # related numbers
+    r"|smaller angle first"
     r"|no hull|Mesh\.triangles|PointCloud\.resolution|must lie below|not a rigid|quaternion of length"
     r"|no body has the inertia"
     # grids and their depth images

@@ -222,7 +222,7 @@ def test_the_help_names_the_values_of_options_and_no_types_of_python(run: Cli, w
     types = ("<int", "<str", "<float", "<path", "<list", "range>", "x>=", "{", "[[", "bool")
     assert not {word for word in types if word in out}
     assert "--seed INTEGER>=0" in " ".join(out.split()) or "--seed" not in out
-    assert not {word for word in ("json", "audit", "live", "pages", "torque", "screen") if f"--no-{word}" in out}
+    assert not {word for word in ("json", "audit", "pages", "torque", "screen") if f"--no-{word}" in out}
 
 
 # -- examples ---------------------------------------------------------------------------------------------------------

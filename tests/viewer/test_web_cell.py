@@ -121,7 +121,7 @@ def test_inverse_kinematics_is_that_of_python(checkers, tmp_path, name):
     for (own, result, branches), (found, every), (_, _, q0) in zip(expected, solved, asked, strict=True):
         assert found["reached"] == result.ok
         assert np.delete(found["q"], own).tolist() == np.delete(q0, own).tolist()
-        if result.ok:  # the core in Python fuses products, so that a long search may go another way
+        if result.ok:  # the core in Python fuses products, so that a long search may differ
             same += found["iterations"] == result.iterations
             apart += not np.allclose(np.take(found["q"], own), result.q, atol=1e-6)
         assert len(every["q"]) == len(branches.branches)
@@ -141,7 +141,7 @@ def test_moved_obstacles_and_a_moved_robot_are_those_of_another_scene(checkers, 
     things = checker.scene.obstacles
     other = [pp.Obstacle(t.name, t.shape, shift * t.pose if t.name == "post" else t.pose) for t in things]
     agree(checker.with_scene(pp.Scene(other)), Q, ask(tmp_path, checker, Q, moved=moved)["out"])
-    # A robot that moves sees its surroundings move the other way
+    # Seen from a robot that moves, its surroundings move in the opposite direction
     moved = [[-1, -1, *shift.homogeneous.ravel().tolist()]]
     other = [pp.Obstacle(t.name, t.shape, shift.inverse() * t.pose) for t in things]
     agree(checker.with_scene(pp.Scene(other)), Q, ask(tmp_path, checker, Q, moved=moved)["out"])

@@ -1,7 +1,7 @@
 """What a page computes with: the core as WebAssembly, a cell as one block of numbers, and the names of its parts.
 
 The block has its only writer and its only reader in the core (``src/core/web/cell.h``); this module names what the
-numbers stand for.
+numbers describe.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 The search is hierarchical. A grid of placements is screened at the grasps of all picks
 (:mod:`pinproof.cell.placement.screening`), with an estimate of the objective where every pick works. The best
 placements are refined by the evolution strategy CMA-ES, which needs no derivatives. The best few are certified: every
-pick is judged in all stages, and the placement with the best certified value is the result. What is said of picks holds
-for the items of any work (:mod:`pinproof.cell.placement.placed_work`), such as a job of tool paths.
+pick is judged in all stages, and the placement with the best certified value is the result. This also applies to
+the items of any work (:mod:`pinproof.cell.placement.placed_work`), such as a job of tool paths.
 """
 
 from __future__ import annotations

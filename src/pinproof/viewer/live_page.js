@@ -314,6 +314,9 @@ async function startLive() {
     const rayOf = (event) => {
       const bounds = pane.getBoundingClientRect();
       mouse.set(2 * (event.clientX - bounds.left) / bounds.width - 1, 1 - 2 * (event.clientY - bounds.top) / bounds.height);
+      // The pointer may come before the next frame is drawn, which would update these.
+      viewer.camera.updateWorldMatrix(true, false);
+      group.updateWorldMatrix(true, true);
       caster.setFromCamera(mouse, viewer.camera);
       return caster.ray.clone().applyMatrix4(group.matrixWorld.clone().invert());
     };

@@ -1,10 +1,4 @@
 // The page of one motion or configuration: copies of links, frames, contacts, the switches of the layers, and live views.
-const meshesUnder = (path) => {
-  const meshes = [];
-  viewer.scene_tree.find(path).object.traverse((thing) => { if (thing.isMesh) meshes.push(thing); });
-  return meshes;
-};
-
 // --- ghosts and the swept tool ---
 settings.copies.forEach((copy, number) => {
   const group = new THREE.Group(), colour = new THREE.Color();

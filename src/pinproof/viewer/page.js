@@ -77,6 +77,12 @@ function frame() {
 
 for (const command of read("commands")) viewer.handle_command(command);
 
+const meshesUnder = (path) => {
+  const meshes = [];
+  viewer.scene_tree.find(path).object.traverse((thing) => { if (thing.isMesh) meshes.push(thing); });
+  return meshes;
+};
+
 // Textures are applied as soon as they are decoded.
 const pictured = Promise.all(read("pictures").map(async ([address, nodes]) => {
   const image = new Image();

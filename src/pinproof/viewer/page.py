@@ -136,7 +136,7 @@ def render_page(
     cell = web_cell_of(picture, rendered, compute)
     script = panels.part("motion_page.js")
     if cell is not None:
-        script += panels.part("compute.js") + panels.part("live_page.js")
+        script += "\n".join(map(panels.part, (*panels.COMPUTING, "live_page.js")))
     caption = rendered.caption
     # The line below the title, which is the caption of a picture without controls
     shown = [f"{name.lower()} {value}" for name, value in caption.figures if name in SUMMARY_FIGURES]

@@ -253,6 +253,7 @@ OTHER_PICKS = {
     "package_dirs": ["."],
     "xacro_args": {"length": 0.5, "name": "arm", "long": True},
     "calibration": "calibration.conf",
+    "visual_bodies": False,
     "limits": "joint_limits.yaml",
     "held": {"finger": 0.04},
     "payload": [{"mass": 1}, {"mass": 2, "inertia": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]}],
@@ -276,7 +277,7 @@ OTHER_PICKS = {
     ],
 }
 OTHER_PICKS["picks"][0]["object"].pop("rpy")
-ROBOT_KEYS = ("robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp")
+ROBOT_KEYS = ("robot", "srdf", "package_dirs", "xacro_args", "calibration", "visual_bodies", "limits", "tcp")
 HAND = {
     key: EVERYTHING["picks"][key] for key in ("tip", "tool", "fingers", "gripper", "held", "payload", "grip_limits")
 }

@@ -276,7 +276,30 @@ def test_missing_parts_are_named(zoo):
 
 def test_links_with_visual_geometry_only_are_named():
     robot = pp.load_robot("z1")
-    assert "no collision geometry, only visual: link01, link05" in robot.info(robot.arm()).missing
+    assert any("only visual: link01, link05" in note for note in robot.info(robot.arm()).missing)
+
+
+@pytest.mark.parametrize("name", ["so100", "z1"])
+def test_links_with_visual_geometry_only_are_checked_on_request(name, tmp_path):
+    unchecked, checked = (pp.load_robot(name, visual_bodies=wanted) for wanted in (False, True))
+    links = unchecked.urdf.visual_only
+    assert links
+    assert not checked.urdf.visual_only
+    # a small box in the middle of a link that is only drawn
+    arm = checked.arm()
+    geometry = next(each for each in checked.urdf.visuals if each.link == links[-1])
+    points = pp.description.read_mesh(geometry.mesh.path, geometry.size).vertices
+    middle = geometry.origin[:3, :3] @ (points.min(axis=0) + points.max(axis=0)) / 2 + geometry.origin[:3, 3]
+    place = arm.root_from_frame(arm.home, geometry.link).act(middle)
+    scene = pp.Scene([pp.Obstacle("box", pp.Box(0.01, 0.01, 0.01), pp.pose(place))])
+    pairs = [set(contact.bodies) for contact in pp.CollisionChecker(arm, scene).check(arm.home).contacts]
+    assert {geometry.link, "box"} in pairs
+    pairs = [set(c.bodies) for c in pp.CollisionChecker(unchecked.arm(), scene).check(arm.home).contacts]
+    assert {geometry.link, "box"} not in pairs
+    # the description that is written has these bodies as well
+    written = tmp_path / "robot.urdf"
+    written.write_text(checked.urdf.text_for(written))
+    assert len(pp.load_robot(written).urdf.collisions) == len(checked.urdf.collisions)
 
 
 def test_missing_meshes_are_named(tmp_path):

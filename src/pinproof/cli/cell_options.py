@@ -78,7 +78,7 @@ class CellOptions(RobotFileOptions):
         """The settings of a file with those of the command, which replace keys of the file, in their place."""
         # Errors then no longer name the lines of these keys
         if self.robot is not None:
-            none: dict[str, Any] = {"srdf": None, "calibration": None, "limits": None}
+            none: dict[str, Any] = {"srdf": None, "calibration": None, "limits": None, "visual_bodies": False}
             shared = replace(shared, robot=self.robot, package_dirs=(), xacro_args={}, **none)
         stated_here = {"robot": self.robot, "tcp": self.tcp, **{f"xacro_args.{name}": name for name in self.xacro_args}}
         return replace(
@@ -87,6 +87,7 @@ class CellOptions(RobotFileOptions):
             package_dirs=tuple(self.package_dir or shared.package_dirs),
             xacro_args={**shared.xacro_args, **self.xacro_args},
             calibration=self.calibration or shared.calibration,
+            visual_bodies=self.visual_bodies or shared.visual_bodies,
             limits=self.limits or shared.limits,
             tcp=self.tcp or shared.tcp,
             scene=self.scene or shared.scene,

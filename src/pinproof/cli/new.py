@@ -55,6 +55,7 @@ def new_cell(
             package_dirs=files.package_dir or (),
             xacro_args=files.xacro_args,
             calibration=files.calibration,
+            visual_bodies=files.visual_bodies,
             rng=seed,
         )
     names = ", ".join(sorted(path.name for path in output.iterdir()))

@@ -159,6 +159,9 @@ class RobotFileOptions:
         "a DH table (CSV).",
         None,
     )
+    visual_bodies: bool = option(
+        "Check links that have visual but no collision geometry with their visual geometry.", False, "--visual-bodies"
+    )
 
     @property
     def xacro_args(self) -> dict[str, str]:
@@ -184,6 +187,7 @@ class RobotFileOptions:
             package_dirs=self.package_dir or (),
             xacro_args=self.xacro_args,
             calibration=self.calibration or measured,
+            visual_bodies=self.visual_bodies,
         )
 
 
@@ -294,7 +298,11 @@ class SetupOptions(ChainOptions):
             return super().arm(robot, motion)
         # The tool is made for the tcp of its picks file, unless the command selects a chain; its arm is calibrated
         tcp = self.picks.tcp
-        own = replace(self, calibration=self.calibration or self.picks.calibration)
+        own = replace(
+            self,
+            calibration=self.calibration or self.picks.calibration,
+            visual_bodies=self.visual_bodies or self.picks.visual_bodies,
+        )
         arm = ChainOptions.arm(own if self.tcp or self.group else replace(own, tcp=tcp), robot, motion)
         if tcp is not None and tcp != arm.tcp:
             raise InputError(

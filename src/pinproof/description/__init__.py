@@ -67,6 +67,7 @@ from pinproof.description.srdf import (
     srdf_text as srdf_text,
 )
 from pinproof.description.urdf import (
+    VISUALS_CAN_BE_CHECKED as VISUALS_CAN_BE_CHECKED,
     JointType as JointType,
     LinkGeometry as LinkGeometry,
     Urdf as Urdf,

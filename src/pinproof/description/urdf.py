@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Container, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, cast, get_args
 
@@ -287,6 +287,8 @@ def check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
             )
 
 
+VISUALS_CAN_BE_CHECKED = "visual_bodies (--visual-bodies) checks them with their visual geometry"
+
 MAX_LINKS = 1000
 """Largest number of links; urdfdom recurses for each link and crashes at about 5,000."""
 
@@ -318,6 +320,24 @@ class Urdf:
         """The links with visual geometry but no collision geometry."""
         solid = {geometry.link for geometry in self.collisions}
         return tuple(dict.fromkeys(geometry.link for geometry in self.visuals if geometry.link not in solid))
+
+    def with_visual_bodies(self) -> Urdf:
+        """Return the description in which links without collision geometry have their visual geometry as such."""
+        from copy import deepcopy
+
+        from lxml import etree
+
+        links = set(self.visual_only)
+        root = parse_text(self.text, self.name)
+        for link in root.findall("link"):
+            for visual in link.findall("visual") if link.get("name").strip() in links else ():
+                body = deepcopy(visual)
+                body.tag = "collision"
+                for material in body.findall("material"):
+                    body.remove(material)
+                link.append(body)
+        solid = (*self.collisions, *(geometry for geometry in self.visuals if geometry.link in links))
+        return replace(self, collisions=solid, text=str(etree.tostring(root, encoding="unicode")))
 
     def text_for(self, path: Path) -> str:
         """Return the XML text for a file at ``path``, from which all meshes that were found are found again."""

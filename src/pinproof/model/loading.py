@@ -65,6 +65,7 @@ def load_robot(
     xacro_args: Mapping[str, str] | None = None,
     geometry_model: Any = None,
     calibration: str | Path | Calibration | None = None,
+    visual_bodies: bool = False,
 ) -> Robot:
     """Load a robot by name, from a file, a text or a table, or from an object of another library.
 
@@ -93,6 +94,9 @@ def load_robot(
         the ``kinematics`` of their ROS driver (YAML), or differences of a DH table (CSV);
         :mod:`pinproof.description.calibration` describes them. Only the origins of joints change. Or a calibration that
         was read before, such as that of a motion file (:attr:`pinproof.motion.MotionRecord.calibrations`).
+    visual_bodies
+        Whether links that have visual but no collision geometry are checked for collisions with their visual geometry.
+        By default they are not checked, which :meth:`pinproof.Robot.info` and the reports of picks state.
 
     Raises
     ------
@@ -106,12 +110,14 @@ def load_robot(
         If the source is of another type, an extra or a package that it needs is not installed, a joint or a geometry of
         a model is not supported, or ``xacro_args`` or ``geometry_model`` is given for another source.
     """
-    if calibration is not None:
-        measured = calibration if isinstance(calibration, Calibration) else read_calibration(calibration)
+    if calibration is not None or visual_bodies:
+        measured = read_calibration(calibration) if isinstance(calibration, (str, PathLike)) else calibration
         own = load_robot(
             source, srdf=srdf, package_dirs=package_dirs, xacro_args=xacro_args, geometry_model=geometry_model
         )
-        return calibrated(own, measured)
+        if visual_bodies:
+            own = replace(own, urdf=own.urdf.with_visual_bodies())
+        return own if measured is None else calibrated(own, measured)
     if isinstance(source, (str, PathLike)) and not _is_text(source) and (found := calibration_format(Path(source))):
         raise CalibrationError(
             Path(source),

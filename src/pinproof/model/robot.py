@@ -27,6 +27,7 @@ from pinproof.common.structs import described, key
 from pinproof.common.validation import ReadOnlyDict, require_type
 from pinproof.description import (
     GENERATED_BODIES,
+    VISUALS_CAN_BE_CHECKED,
     Calibration,
     Srdf,
     Urdf,
@@ -1025,11 +1026,14 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
     if robot.srdf.path is None and not robot.srdf.disabled:
         notes.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        notes.append("no collision geometry: contact of its links is not detected")
+        what = f"; {VISUALS_CAN_BE_CHECKED}" if robot.urdf.visuals else ""
+        notes.append(f"no collision geometry: contact of its links is not detected{what}")
     elif robot.has_generated_bodies:
         notes.append(GENERATED_BODIES)
     if robot.urdf.collisions and robot.urdf.visual_only:
-        notes.append(f"no collision geometry, only visual: {', '.join(robot.urdf.visual_only)}")
+        notes.append(
+            f"no collision geometry, only visual: {', '.join(robot.urdf.visual_only)}; {VISUALS_CAN_BE_CHECKED}"
+        )
     # limits that are unknown
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:

@@ -290,8 +290,8 @@ OPTIONS = (
 )  # fmt: skip
 
 SHARED = (
-    "robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp", "held", "scene", "margin",
-    "margins", "home", "tip", "tool", "program", "frames",
+    "robot", "srdf", "package_dirs", "xacro_args", "calibration", "visual_bodies", "limits", "tcp", "held", "scene",
+    "margin", "margins", "home", "tip", "tool", "program", "frames",
 )  # fmt: skip
 """The keys of picks files that a job has too."""
 

@@ -19,6 +19,7 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import plain
 from pinproof.common.validation import refuse_repeated, require_integer, require_positive
+from pinproof.description import VISUALS_CAN_BE_CHECKED
 from pinproof.errors import FileError, InputError
 from pinproof.model import Arm, Payload
 from pinproof.motion import TorqueLimits
@@ -136,6 +137,7 @@ def new_cell(
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
     calibration: str | Path | None = None,
+    visual_bodies: bool = False,
     rng: int = 0,
 ) -> NewCell:
     """Write the scene and the picks of a cell in which a robot moves parts onto a tray.
@@ -164,7 +166,7 @@ def new_cell(
         bins larger than 3 m, otherwise metres.
     density
         Density of the parts in kg/m^3.
-    srdf, package_dirs, xacro_args, calibration
+    srdf, package_dirs, xacro_args, calibration, visual_bodies
         As for :func:`pinproof.load_robot`.
     rng
         Seed of the rotations in which the parts lie.
@@ -192,7 +194,8 @@ def new_cell(
         # The parts, and the robot with the tool of a file or with its own hand
         own = Tool() if tool is None else Tool.load(tool)
         stated: dict[str, Any] = {"robot": str(robot), "srdf": srdf, "calibration": calibration, "tcp": tcp or own.tcp}
-        own = replace(own, package_dirs=tuple(map(Path, package_dirs)), xacro_args=dict(xacro_args or {}), **stated)
+        stated |= {"package_dirs": tuple(map(Path, package_dirs)), "xacro_args": dict(xacro_args or {})}
+        own = replace(own, visual_bodies=visual_bodies or own.visual_bodies, **stated)
         pieces = [Workpiece.read(path, made, most=MOST_PART, unit=unit) for path in parts]
         refuse_repeated("parts, which are those of their files,", (piece.name for piece in pieces))
         box = None if bin is None else Workpiece.read(bin, made, most=MOST_BIN, unit=unit)
@@ -231,7 +234,7 @@ def _with_hand(own: Tool, without_file: bool, narrowest: float, made: Path) -> t
     arm, robot = own.load_arm(), str(own.robot)
     if not arm.robot.urdf.collisions:
         what = f"robot {arm.robot.name!r} has no collision geometry, so nothing can be proven of its motions"
-        raise InputError(f"{what}; add <collision> to the links of its URDF")
+        raise InputError(f"{what}; add <collision> to the links of its URDF, or {VISUALS_CAN_BE_CHECKED}")
     is_name = not Path(robot).suffix and "/" not in robot
     if own.srdf is None and not is_name and arm.robot.srdf.path is None:
         sample_overlaps(arm.robot).save_srdf(made / "robot.srdf")
@@ -243,6 +246,7 @@ def _with_hand(own: Tool, without_file: bool, narrowest: float, made: Path) -> t
         "package_dirs": [relative(each, made) for each in own.package_dirs],
         "xacro_args": own.xacro_args,
         "calibration": own.calibration and relative(own.calibration, made),
+        "visual_bodies": own.visual_bodies,
         "tcp": own.tcp,
     }
     head, hand = "".join(f"{key}: {_flow(value)}\n" for key, value in files.items() if value), station.OwnHand()

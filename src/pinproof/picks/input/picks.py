@@ -121,9 +121,10 @@ def _checks(name: str, value: object) -> tuple[Callable[..., str | None], ...]:
     repr=False,
     rules=[ONE_HOLDER],
     first=(
-        "robot", "srdf", "package_dirs", "xacro_args", "calibration", "limits", "tcp", "held", "scene", "margin",
-        "margins", "home", "windings", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits", "tools",
-        "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "program", "robots", "frames",
+        "robot", "srdf", "package_dirs", "xacro_args", "calibration", "visual_bodies", "limits", "tcp", "held", "scene",
+        "margin", "margins", "home", "windings", "tip", "tool", "fingers", "cup", "gripper", "payload", "grip_limits",
+        "tools", "tool_change", "parts", "torque_limits", "conveyor", "optimise", "straight", "program", "robots",
+        "frames",
     ),
 )  # fmt: skip
 class Picks(RobotAndHand, Shown):

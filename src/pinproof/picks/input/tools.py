@@ -268,6 +268,9 @@ class RobotAndHand(Hand):
         default=None,
         kind=st.file_of(),
     )
+    visual_bodies: bool = st.key(
+        "whether links with visual but no collision geometry are checked with their visual geometry", default=False
+    )
     limits: Path | None = st.key("a file of [joint limits](limits.md)", default=None, kind=st.file_of())
     tcp: str | None = st.key("the tcp frame of the arm; by default that of the robot", default=None)
     source: Path | None = st.key("the file they were read from", default=None, hidden=True)
@@ -298,6 +301,7 @@ class RobotAndHand(Hand):
                 package_dirs=self.package_dirs,
                 xacro_args=self.xacro_args or None,
                 calibration=self.calibration,
+                visual_bodies=self.visual_bodies,
             )
             limits = None if self.limits is None else JointLimits.load(self.limits)
             return robot.arm(self.tcp, limits=limits, held=self.held)

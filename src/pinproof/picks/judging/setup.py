@@ -22,7 +22,7 @@ from pinproof.collision import (
 from pinproof.common.content_hash import describe_code, digest
 from pinproof.common.results import outline
 from pinproof.common.validation import Rng, require_positive, seed_sequence
-from pinproof.description import GENERATED_BODIES, has_generated_bodies
+from pinproof.description import GENERATED_BODIES, VISUALS_CAN_BE_CHECKED, has_generated_bodies
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
@@ -346,12 +346,13 @@ class PickSetup:
             notes += torques.notes
         notes += [f"other arms of this type: {remark}" for remark in checker.arm.robot.remarks]
         # What the geometry of the robot and of the scene leaves out
+        can = f"; {VISUALS_CAN_BE_CHECKED}" if urdf.visual_only else ""
         if not urdf.collisions:
-            notes.append("the robot has no collision geometry, so contact of its links is not detected")
+            notes.append(f"the robot has no collision geometry, so contact of its links is not detected{can}")
         elif has_generated_bodies(urdf):
             notes.append(GENERATED_BODIES)
         if urdf.collisions and urdf.visual_only:
-            notes.append(f"links with visual geometry but no collision geometry: {', '.join(urdf.visual_only)}")
+            notes.append(f"links with visual geometry but no collision geometry: {', '.join(urdf.visual_only)}{can}")
         if not checker.scene:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
         for thing in checker.scene.obstacles:

@@ -71,10 +71,10 @@ def cell() -> Scene:
     )
 
 
-def turn(arm: Arm) -> Trajectory:
-    """From home to the bin and down, in 2.2 s."""
+def turn(arm: Arm, share: float = 1.0) -> Trajectory:
+    """From home to the bin and down, or a share of it, in 2.2 s."""
     step = np.zeros(arm.dof)
-    step[[0, 1, 3]] = 0.9, 0.5, -0.4
+    step[[0, 1, 3]] = share * 0.9, share * 0.5, share * -0.4
     q = arm.home + np.outer((0.0, 0.5, 1.0), step)
     return Trajectory([0.0, 1.0, 2.2], q, np.outer((0.0, 0.5, 0.0), step), arm.joint_names)
 

@@ -32,6 +32,7 @@ SUMMARY_FIGURES = ("Proven clearance", "Duration")
 SIDE = """<section class="side card">
 <div id="caption" aria-label="What is proven about this motion">{caption}</div>
 <button type="button" id="moment" hidden>Show the contact</button>
+<section id="proof" aria-label="Verify the proof" hidden></section>
 <section id="live" aria-label="Check other poses" hidden></section>
 <fieldset id="layers"><legend>Show</legend></fieldset>
 <p class="hint">Drag to orbit, scroll to zoom, right-drag to pan.
@@ -136,7 +137,9 @@ def render_page(
     cell = web_cell_of(picture, rendered, compute)
     script = panels.part("motion_page.js")
     if cell is not None:
-        script += "\n".join(map(panels.part, (*panels.COMPUTING, "live_page.js")))
+        verifying = ["verifier.js"] if "proof-file" in cell.texts else []
+        verifying += ["proof_page.js"] if cell.settings["proof"] else []
+        script += "\n".join(map(panels.part, (*panels.COMPUTING, "live_page.js", *verifying)))
     caption = rendered.caption
     # The line below the title, which is the caption of a picture without controls
     shown = [f"{name.lower()} {value}" for name, value in caption.figures if name in SUMMARY_FIGURES]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pinproof._core import cell_block
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import InputError, PinproofError
 from pinproof.ik import web_arm
 from pinproof.motion import Trajectory
@@ -117,7 +117,7 @@ def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None
         if wanted is None:
             return None
         raise
-    settings: dict[str, Any] = {"proven": proven, "motion": None}
+    settings: dict[str, Any] = {"proven": proven, "motion": None, "proof": None}
     found = None if picture.trajectory is None else moments(picture.trajectory)
     if rendered.curve is not None:
         found = rendered.curve.values - rendered.curve.lower, rendered.curve.q
@@ -126,9 +126,36 @@ def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None
         settings["q"] = configurations[0].tolist()
         settings["motion"] = {"times": times.tolist(), "q": configurations.ravel().tolist()}
     cell.settings.update(settings)
-    if wanted is None and sum(map(len, cell.texts.values())) + len(script_json(cell.settings)) > MOST_BYTES:
+    size = sum(map(len, cell.texts.values())) + len(script_json(cell.settings))
+    if wanted is None and size > MOST_BYTES:
         return None
+    # The proof, which the page verifies again where it is not too large
+    proof = _proof_of(picture, checker) if proven else None
+    if proof is not None:
+        included = len(proof) <= MOST_BYTES - (size if wanted is None else 0)
+        cell.settings["proof"] = {"bytes": len(proof), "included": included}
+        cell.texts.update({"proof-file": proof} if included else {})
     return cell
+
+
+def _proof_of(picture: Picture, checker: CollisionChecker) -> str | None:
+    """Return the proof of the motion shown, compressed, in base64; None if it has parts that proof files do not have.
+
+    Such parts are pairs that may touch at the start.
+    """
+    certificate, motion = picture.certificate, picture.trajectory
+    if certificate is None or motion is None:
+        return None
+    try:
+        if certificate.evidence is None:
+            tolerances: dict[str, Any] = {}
+            if (tube := certificate.tube) is not None:
+                tolerances = {"joint_tolerance": tube.joints, "obstacle_tolerance": tube.obstacles}
+            constraints = [each.constraint for each in certificate.constraints]
+            certificate = certify(motion, checker, constraints=constraints, record=True, **tolerances)
+        return b64encode(zlib.compress(certificate.proof_text().encode(), 9)).decode("ascii")
+    except PinproofError:
+        return None
 
 
 def moments(motion: Trajectory) -> tuple[Array, Array]:

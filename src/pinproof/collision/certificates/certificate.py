@@ -552,11 +552,17 @@ class Certificate(Answer):
         """
         from pinproof.collision.certificates.proof_file import write_proof
 
+        write_proof(self.proof_text, path)
+
+    def proof_text(self) -> str:
+        """Return the text of the file that :meth:`save` writes, which raises the same exceptions."""
+        from pinproof.collision.certificates.proof_file import proof_text
+
         if not self.free:
             raise InputError(f"only a FREE certificate is a proof to save; this one is {self.status.name}")
         _, curve, checker = self.recorded("save")
         try:
-            write_proof(self, curve, checker, path)
+            return proof_text(self, curve, checker)
         except NotProvenFree as error:
             raise NotProvenFree(str(error), self) from error
 

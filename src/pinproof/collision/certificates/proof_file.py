@@ -9,7 +9,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -291,11 +291,11 @@ SPARE = 1e-9
 a machine that rounds differently."""
 
 
-def write_proof(certificate: Any, curve: Curve, checker: CollisionChecker, path: str | Path) -> None:
-    """Write the proof of a motion to a file; see :meth:`pinproof.Certificate.save`, whose module imports this one."""
+def write_proof(text: Callable[[], str], path: str | Path) -> None:
+    """Write the text of a proof to a file; see :meth:`pinproof.Certificate.save`, whose module imports this one."""
     if not str(path).endswith(SUFFIXES):
         raise InputError(f"{path}: the name of a proof ends in {' or '.join(SUFFIXES)}")
-    data = _text(proof_document(certificate, curve, checker)).encode()
+    data = text().encode()
     write_bytes_whole(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)
 
 
@@ -612,8 +612,9 @@ def _placed(place: pin.SE3) -> list[list[float]]:
     return rows
 
 
-def _text(document: dict[str, Any]) -> str:
-    """Return JSON with a line for each joint, body and pair, so that people can read it."""
+def proof_text(certificate: Any, curve: Curve, checker: CollisionChecker) -> str:
+    """Return the proof as JSON with a line for each joint, body and pair, so that people can read it."""
+    document = proof_document(certificate, curve, checker)
 
     def line(value: Any) -> str:
         return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)

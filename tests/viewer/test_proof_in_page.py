@@ -1,0 +1,61 @@
+"""A page verifies the proof of its motion on request, in a real browser."""
+
+import base64
+import json
+import zlib
+
+import pytest
+
+from pinproof.collision import CollisionChecker, certify
+from pinproof.verifier import verify
+from pinproof.viewer import web_cell, write_html
+
+from .conftest import certified, turn
+
+
+def test_a_page_verifies_its_proof_on_request(visit, pages, ur5, cell):
+    motion = turn(ur5)
+    certificate = certified(ur5, cell, motion)
+    assert certificate.free
+    write_html(pages("proven"), ur5, cell, motion, certificate=certificate)
+    page = visit("proven", 1000, 700)
+    page.wait_for("pinproof.model", 60)
+    page.click("#verify")
+    page.wait_for("!document.getElementById('verify').disabled", 60)
+    said = page.text("#proof .state")
+    recorded = certify(motion, CollisionChecker(ur5, cell), record=True)
+    verdict = verify(json.loads(recorded.proof_text()))
+    assert said.startswith(f"The proof holds: all {verdict.pairs} checked pairs of bodies stay more than ")
+    assert float(said.split("more than ")[1].split(" mm")[0]) == pytest.approx(1e3 * verdict.clearance - 0.0005, abs=0.0005)
+    assert f"({verdict.intervals} inequalities" in said
+    # The same page with a proof that was tampered with, with one of another motion, and with damaged ones
+    tampered = json.loads(recorded.proof_text())
+    tampered["settings"]["margin"] = 0.5
+    slower = certify(turn(ur5, 0.9), CollisionChecker(ur5, cell), record=True).proof_text()
+    packed = packed_text(recorded.proof_text())
+    for text, words in (
+        (packed_text(json.dumps(tampered)), "does NOT hold"),
+        (packed_text(slower), "for another motion"),
+        (packed_text(recorded.proof_text()[:-40]), "could not be verified"),
+        (packed[:4000] + "AAAA" + packed[4004:], "could not be verified"),
+        (packed[:4000], "could not be verified"),
+        ("\u20ac", "could not be verified"),
+    ):
+        page.evaluate(f"document.getElementById('proof-file').textContent = {json.dumps(text)}")
+        page.click("#verify")
+        page.wait_for("!document.getElementById('verify').disabled", 60)
+        assert words in page.text("#proof .state")
+
+
+def packed_text(document):
+    return base64.b64encode(zlib.compress(document.encode())).decode()
+
+
+def test_a_page_with_too_large_a_proof_states_how_python_verifies_it(visit, pages, ur5, cell, monkeypatch):
+    monkeypatch.setattr(web_cell, "MOST_BYTES", 20_000)
+    motion = turn(ur5)
+    write_html(pages("large"), ur5, cell, motion, certificate=certified(ur5, cell, motion), live=True)
+    page = visit("large", 1000, 700)
+    assert "python -m pinproof.verifier proof.json" in page.text("#proof")
+    assert page.evaluate("document.getElementById('verify')") is None
+    assert 'id="proof-file"' not in pages("large").read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 """What a reader does with a page, with real mouse and keys: hover, select, measure, cut, turn, link, print."""
 
 import base64
+import json
 import re
 from collections.abc import Callable
 
@@ -59,15 +60,20 @@ def page(opened):
 
 def on_screen(page: Page, point, frame="pinproof.viewer.scene") -> tuple[float, float]:
     """The place on the screen of a point in the frame of the root link, or of another object."""
+    return all_on_screen(page, [point], frame)[0]
+
+
+def all_on_screen(page: Page, points, frame="pinproof.viewer.scene") -> list[tuple[float, float]]:
+    """The places on the screen of several points."""
     settle(page)
-    x, y = page.evaluate(
-        f"(() => {{ const v = new MeshCat.THREE.Vector3({', '.join(map(str, point))});"
-        f" {frame}.updateWorldMatrix(true, false);"
-        f" {frame}.localToWorld(v).project(pinproof.viewer.camera);"
+    places = page.evaluate(
+        f"(() => {{ {frame}.updateWorldMatrix(true, false);"
         " const box = document.getElementById('meshcat-pane').getBoundingClientRect();"
-        " return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height]; })()"
+        f" return {json.dumps([list(map(float, point)) for point in points])}.map((point) => {{"
+        f" const v = {frame}.localToWorld(new MeshCat.THREE.Vector3(...point)).project(pinproof.viewer.camera);"
+        " return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height]; }); })()"
     )
-    return x, y
+    return [(x, y) for x, y in places]
 
 
 def settle(page: Page) -> None:
@@ -271,7 +277,7 @@ def test_a_part_in_a_transparent_bin_has_no_stripes(visit, pages):
         "(({left, top}) => [left, top])(document.querySelector('canvas').getBoundingClientRect())"
     )
     grid = [(y, z) for y in np.linspace(-0.05, 0.05, 15) for z in np.linspace(0.01, 0.11, 15)]
-    places = [on_screen(page, (0.68, y, z)) for y, z in grid]  # on a face of both
+    places = all_on_screen(page, [(0.68, y, z) for y, z in grid])  # on a face of both
     picture = page.canvas().astype(int)
     shades = [picture[int(y - top), int(x - left)] for x, y in places]
     assert np.ptp(shades, axis=0).max() < 20

@@ -18,7 +18,7 @@ from pinproof.common.files import os_errors
 from pinproof.common.results import Rows
 from pinproof.errors import FileError, ViewerError
 from pinproof.model import guess_note
-from pinproof.picks import Pick
+from pinproof.picks import LivePicks, Pick, PickSetup
 from pinproof.spatial import SE3
 
 RATE = 15.0
@@ -68,12 +68,15 @@ def write_cell_page(
     acceleration_source: str,
     several: bool = False,
     heat_map: viewer.ColouredPoints | None = None,
+    setup: PickSetup | None = None,
+    live: bool | None = False,
 ) -> None:
     """Write the page of a film of ``duration`` (s), whose carried parts are obstacles of the stage.
 
     ``rows`` are the picks in order, ``parts`` what picks carry by their names, ``bars`` and ``lanes`` the Gantt chart,
-    of which each lane is an arm if there are ``several``, otherwise a phase. ViewerError if the robot has nothing to
-    draw, or the page cannot be written.
+    of which each lane is an arm if there are ``several``, otherwise a phase. The page computes with the ``setup`` of
+    the picks if that is wanted (``live``, see :meth:`pinproof.picks.PickReport.save`). ViewerError if the robot has
+    nothing to draw, or the page cannot be written.
     """
     if not any(link.surfaces for link in stage.links):
         raise ViewerError(f"robot {stage.arm.robot.name!r} has nothing to draw: no link has geometry")
@@ -114,16 +117,26 @@ def write_cell_page(
     names = [row.pick.name for row in rows] + [name for name, _ in left_out]
     picks = viewer.panels.linked(names, colours, stage.nodes(parts.get(name) for name in names))
     moments = [[row.start, row.start + row.duration] for row in rows]
+    computing = LivePicks.of(setup, [*(row.pick for row in rows), *[None] * len(left_out)], stage.links, live)
     text = viewer.panels.page(
         title,
         "cell",
         viewer.panels.gantt(bars, lanes, duration, named=several) + table,
-        {**view.settings(), "duration": duration, "moments": moments, "tools": stage.tools, "picks": picks},
+        {
+            **view.settings(),
+            "duration": duration,
+            "moments": moments,
+            "tools": stage.tools,
+            "picks": picks,
+            **computing.settings,
+        },
         commands,
         label="The robot in its cell",
         summary=escape(summary),
         head=viewer.panels.figures(figures),
         colours=() if heat_map is None else heat_map.legend,
+        script=computing.script,
+        texts=computing.texts,
     )
     viewer.panels.write_page(path, text)
 

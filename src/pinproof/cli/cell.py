@@ -19,7 +19,7 @@ from pinproof.cli.console import (
     progress_status,
     written,
 )
-from pinproof.cli.options import Json, Seed, argument, numbers, option, placement
+from pinproof.cli.options import Json, Live, Seed, argument, numbers, option, placement
 from pinproof.cli.pick import judge_file
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.units import refuse_degrees, warn_of_millimetres
@@ -121,6 +121,7 @@ def cell_sequence(
     heat_map: Path | None = option(
         "Draw the heat map of a placement search (.csv with x, y, share) on the floor of the page.", None
     ),
+    live: Live = None,
     seed: Seed = 0,
     workers: int | None = option("Number of parallel processes.", None, min=1),
     cell: CellOptions,
@@ -177,7 +178,7 @@ def cell_sequence(
             print_note(f"note: {note}")
     # Files, then the answer: of an interrupted search, the best sequence so far.
     for path in outputs:
-        result.save(path, heat_map=heat)
+        result.save(path, heat_map=heat, live=live)
     from pinproof.model import guess_note  # loads the kinematics
 
     if guess := guess_note(setup.checker.arm.limits.acceleration_source):
@@ -331,6 +332,7 @@ def cell_place(
     campaign: Path | None = option(
         "Keep the work in this folder; an interrupted search is resumed.", None, metavar="FOLDER"
     ),
+    live: Live = None,
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -379,7 +381,7 @@ def cell_place(
     if output is not None and is_folder and found.least_failing is not None:
         reports = [output / f"report{kind}" for kind in pp.picks.REPORT_SUFFIXES]
         for path in reports:
-            found.least_failing.report.save(path)
+            found.least_failing.report.save(path, **({} if states_paths(file) else {"live": live}))
         files += reports
     lines = [found.to_markdown().rstrip(), *written(*files)]
     print_result(found.to_dict(), lines, as_json=as_json, ok=found.ok or found.interrupted)

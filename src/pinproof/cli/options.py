@@ -117,6 +117,13 @@ Place = Annotated[
         help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).', metavar="POSE"
     ),
 ]
+Live = Annotated[
+    bool | None,
+    typer.Option(
+        help="Whether pages (.html) compute: a grasp or the base of the robot is moved in the page, and the grasps are "
+        "checked again. Default: if that enlarges them by 1 MB at most."
+    ),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")]
 IgnoreRecord = Annotated[
     bool,

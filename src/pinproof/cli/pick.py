@@ -31,7 +31,7 @@ from pinproof.cli.console import (
     until_interrupted,
     written,
 )
-from pinproof.cli.options import Json, Seed, argument, option
+from pinproof.cli.options import Json, Live, Seed, argument, option
 from pinproof.errors import InputError, RunInterrupted
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class OutputOptions(ExportOptions):
         metavar="FILE|FOLDER",
     )
     pages: bool = option("Also write a page for each motion to the folder of -o; these are large.", False)
+    live: Live = None
     grip_dwell: float = option("Seconds that the arm rests in programs while the gripper closes.", 0.0, min=0.0)
     release_dwell: float = option("Seconds that the arm rests in programs while the gripper opens.", 0.0, min=0.0)
 
@@ -89,10 +90,14 @@ class OutputOptions(ExportOptions):
         output = self.output
         if output is None or not is_folder:
             if output is not None:
-                report.save(output)
+                report.save(output, live=self.live)
             return str(output or "")
         stems = report.save_folder(
-            output, pages=self.pages, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell
+            output,
+            pages=self.pages,
+            grip_dwell=self.grip_dwell,
+            release_dwell=self.release_dwell,
+            live=self.live,
         )
         names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
         if not stems:

@@ -72,6 +72,7 @@ from pinproof.picks.judging.verdict import (
     Intercept as Intercept, PickMotion as PickMotion, PickStatus as PickStatus, PickVerdict as PickVerdict,
     Stage as Stage, StageResult as StageResult, Suggestion as Suggestion,
 )  # fmt: skip
+from pinproof.picks.report.live_picks import LivePicks as LivePicks
 from pinproof.picks.report.profile import (
     BodyTime as BodyTime, PickProfile as PickProfile, StageTime as StageTime, profile_picks as profile_picks,
 )  # fmt: skip

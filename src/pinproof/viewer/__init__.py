@@ -21,6 +21,7 @@ from pinproof.viewer.stage import (
 from pinproof.viewer.surfaces import (
     Surface as Surface, merge_by_colour as merge_by_colour, obstacle_surfaces as obstacle_surfaces,
 )  # fmt: skip
+from pinproof.viewer.web_cell import WebCell as WebCell
 from pinproof.viewer.wire import Commands as Commands, node_path as node_path, transform_command as transform_command
 
 __all__ = faces.exported(globals())

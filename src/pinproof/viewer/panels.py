@@ -164,6 +164,9 @@ def gantt(bars: Sequence[Bar], lanes: Sequence[str], duration: float, *, named: 
 SCRIPTS = ("page.js", "views.js", "distance.js", "inspect.js")
 """The scripts of every page, in this order."""
 
+MOST_BYTES = 1_000_000
+"""A page computes by default if that enlarges it by at most this."""
+
 COMPUTING = ("compute.js", "handle.js", "live_view.js")
 """The scripts of pages that compute, before that of the kind of page."""
 

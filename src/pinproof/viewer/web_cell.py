@@ -19,13 +19,12 @@ from pinproof._core import cell_block
 from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import InputError, PinproofError
 from pinproof.ik import web_arm
+from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array, matrix
+from pinproof.viewer.panels import MOST_BYTES
 from pinproof.viewer.picture import Picture, RenderedPicture
 from pinproof.viewer.wire import script_json
-
-MOST_BYTES = 1_000_000
-"""A page computes by default if that enlarges it by at most this."""
 
 MOST_MOMENTS = 600
 """Moments of a motion at which a page knows the configuration; it interpolates in between."""
@@ -43,12 +42,19 @@ class WebCell:
     links: tuple[str, ...]
 
     @classmethod
-    def of(cls, checker: CollisionChecker, links: tuple[str, ...] = (), q: Array | None = None) -> WebCell:
-        """Describe a checker; a page also places ``links``, and opens at the configuration q (n,)."""
+    def of(
+        cls, checker: CollisionChecker, links: tuple[str, ...] = (), q: Array | None = None, *, wide: Arm | None = None
+    ) -> WebCell:
+        """Describe a checker; a page also places ``links``, and opens at the configuration q (n,).
+
+        ``wide`` is the only arm of the checker with wider limits, which follows the arms in the block.
+        """
         group, world = checker.group, checker.world
         ends = [link for base_and_tcp in group.ends.values() for link in base_and_tcp]
         frames = tuple(dict.fromkeys((*links, *ends)))
         arms = [web_arm(arm, frames.index(arm.base), group.indices(name).tolist()) for name, arm in group.arms.items()]
+        if wide is not None:
+            arms.append(web_arm(wide, frames.index(wide.base), range(wide.dof)))
         block = np.asarray(cell_block(world, *checker.joints_of_links(frames), arms))
         # The numbers of the bodies of each obstacle among those of all obstacles
         obstacles: dict[str, list[int]] = {}

@@ -538,7 +538,14 @@ class SequenceResult(Answer, Saved, Written):
         programs = [f"{what}: {text}" for what, text in self._program_time]
         return markdown(f"# Sequence of {self.robot}", super().to_markdown().rstrip(), *programs)
 
-    def save(self, path: str | Path, *, heat_map: ColouredPoints | None = None, title: str | None = None) -> None:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        heat_map: ColouredPoints | None = None,
+        title: str | None = None,
+        live: bool | None = None,
+    ) -> None:
         """Write the sequence as JSON, CSV, Markdown, or as a page (.html) that opens offline in any browser.
 
         Parameters
@@ -549,6 +556,8 @@ class SequenceResult(Answer, Saved, Written):
             Points on the floor of the page, such as the result of a search for the base placement.
         title
             The title of the page. Default: the name of the robot.
+        live
+            Whether the page computes, as for :meth:`pinproof.picks.PickReport.save`.
 
         Raises
         ------
@@ -557,9 +566,11 @@ class SequenceResult(Answer, Saved, Written):
         FileError, ViewerError
             If the file cannot be written, or the robot has nothing to draw on a page.
         """
-        self._save(path, heat_map=heat_map, title=title)
+        self._save(path, heat_map=heat_map, title=title, live=live)
 
-    def _write_page(self, path: str | Path, *, heat_map: ColouredPoints | None, title: str | None) -> None:
+    def _write_page(
+        self, path: str | Path, *, heat_map: ColouredPoints | None, title: str | None, live: bool | None
+    ) -> None:
         if not self.steps:
             raise InputError("the sequence has no step that a page could show")
         setup = self.setup
@@ -611,6 +622,8 @@ class SequenceResult(Answer, Saved, Written):
             lanes=[name for name in PHASES if name not in (*CHANGE, UNWIND) or name in self.by_phase],
             acceleration_source=self.acceleration_source,
             heat_map=heat_map,
+            setup=setup,
+            live=live,
         )
 
     def _why_not(self) -> str:

@@ -26,6 +26,7 @@ from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm, guess_mark, guess_note
 from pinproof.picks.input.picks import Picks, root_from_frame
 from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.report.live_picks import LivePicks
 from pinproof.spatial import Array, matrix, pose
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
@@ -60,13 +61,15 @@ def write_page(
     picks: Picks | None = None,
     title: str | None = None,
     columns: Mapping[str, Sequence[object]] | None = None,
+    live: bool | None = None,
 ) -> None:
     """Write the page of a report or of a campaign, completely or not at all.
 
     The arm, the scene, and the tool and home that the picks share are by default those of the setup with which the
     picks were judged. ``result`` has them as its ``setup``, and states its summary, notes and source of acceleration
     limits. ``counts`` are the numbers of rows with each verdict. The default of the title is the name of the
-    robot. ``columns`` are further columns of the table, with a value for each row.
+    robot. ``columns`` are further columns of the table, with a value for each row. ``live`` is that of
+    :meth:`PickReport.save`.
 
     InputError if there is no setup and one of ``arm``, ``scene`` and ``picks`` is missing; ViewerError if the robot has
     nothing to draw, or meshcat's viewer is not installed; FileError if the file cannot be written.
@@ -88,6 +91,10 @@ def write_page(
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     settings, commands, remarks = _animated(shown, stage, arm, scene, picks)
+    is_own = result.setup is not None and arm is result.setup.checker.arm and scene is result.setup.checker.scene
+    again = [None if verdict is None else verdict.pick for _, verdict in shown]
+    computing = LivePicks.of(result.setup if is_own else None, again, stage.links, live)
+    settings |= computing.settings
     kinds = [values["verdict"] for values, _ in shown]
     colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
     known = {pick.name: pick.object_name for pick in (*picks.picks, *(v.pick for _, v in shown if v))}
@@ -141,7 +148,8 @@ def write_page(
         label="The robot in its scene, with an arrow at every grasp in the colour of its verdict",
         summary=escape(result.summary),
         head=viewer.panels.chips({name: counts.get(name, 0) for name in (*theme.VERDICTS, *counts)}, theme.VERDICTS),
-        script=viewer.panels.part("page.js", __package__),
+        script=viewer.panels.part("page.js", __package__) + computing.script,
+        texts=computing.texts,
     )
     write_text_whole(path, text)
 

@@ -244,6 +244,7 @@ class PickReport(Saved, Written):
         scene: Scene | None = None,
         picks: Picks | None = None,
         title: str | None = None,
+        live: bool | None = None,
     ) -> None:
         """Write the report as JSON, Markdown, CSV or HTML, according to the suffix of the path.
 
@@ -259,6 +260,10 @@ class PickReport(Saved, Written):
             picks were judged with; a report that was not made by :func:`pinproof.validate_picks` does not have them.
         title
             Only for HTML: the title of the page; the default is the name of the robot.
+        live
+            Only for HTML: whether the page computes. A grasp or the base of the robot can be moved in it, and reach,
+            limits, self-collision and collision at the grasp are judged again. By default it does if that enlarges it
+            by 1 MB at most; picks on a conveyor are not judged again.
 
         Raises
         ------
@@ -269,7 +274,7 @@ class PickReport(Saved, Written):
         FileError
             If the file cannot be written.
         """
-        self._save(path, arm=arm, scene=scene, picks=picks, title=title)
+        self._save(path, arm=arm, scene=scene, picks=picks, title=title, live=live)
 
     def _write_page(self, path: str | Path, **settings: Any) -> None:
         rows = self._rows()
@@ -349,9 +354,17 @@ class PickReport(Saved, Written):
         return replace(report, exported=(*self.exported, *written)), [*notes, *more]
 
     def save_folder(
-        self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, pages: bool = False
+        self,
+        folder: str | Path,
+        *,
+        grip_dwell: float = 0.0,
+        release_dwell: float = 0.0,
+        pages: bool = False,
+        live: bool | None = None,
     ) -> tuple[str, ...]:
         """Write the report in all formats, and for each good pick its motion, its program and, if wanted, its pages.
+
+        ``live`` is that of :meth:`save`, also for the pages.
 
         Returns
         -------
@@ -360,20 +373,21 @@ class PickReport(Saved, Written):
         """
         folder = Path(folder)
         for kind in REPORT_SUFFIXES:
-            self.save(folder / f"report{kind}")
+            self.save(folder / f"report{kind}", live=live)
         self.save_programs(folder, grip_dwell=grip_dwell, release_dwell=release_dwell)
         stems = file_stems(verdict.pick.name for verdict in self.good)
         for verdict, stem in zip(self.good, stems, strict=True):
             verdict.save_motion(folder / f"{stem}.json")
             if pages and self.setup is not None:
-                write_motion_pages(verdict, self.setup.checker.arm, folder / f"{stem}.html")
+                write_motion_pages(verdict, self.setup.checker.arm, folder / f"{stem}.html", live=live)
         return tuple(stems)
 
 
-def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path) -> list[Path]:
+def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path, *, live: bool | None = None) -> list[Path]:
     """Write a page of the motion of a good pick, or one for each part if the attached bodies change along it.
 
-    The files are ``path``, or ``NAME_1_transit.html`` and so on; they are returned.
+    The files are ``path``, or ``NAME_1_transit.html`` and so on; they are returned. ``live`` is that of
+    :func:`pinproof.write_html`.
     """
     from pinproof.viewer import write_html
 
@@ -387,6 +401,7 @@ def write_motion_pages(verdict: PickVerdict, arm: Arm, path: str | Path) -> list
             part.trajectory,
             certificate=part.certificate,
             attached=part.attached,
+            live=live,
             title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if single else f", {part.name}"),
         )
     return pages

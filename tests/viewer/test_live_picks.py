@@ -1,0 +1,195 @@
+"""Pages in which grasps and the base are moved, in a real browser with a real mouse, against the stages in Python."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision import Scene
+from pinproof.description import robots_folder
+from pinproof.picks import LivePicks, PickBudget, root_from_frame
+from pinproof.spatial import SE3, matrix, pose
+
+from .test_live_page import PLACE
+
+AT_THE_GRASP = ("reach", "limits", "self-collision", "grasp")
+MOVE = """(() => {
+  const again = pinproof.again, found = [];
+  for (const [row, shift] of %s) {
+    pinproof.choose(row);
+    again.moveTo(again.matrixOf(shift).multiply(again.poseNow()), true);
+    found.push(again.now().verdicts[row].stage);
+    document.getElementById("live-undo").click();
+  }
+  return found;
+})()"""
+CHOOSE_BASE = (
+    """{ const s = document.getElementById("live-thing"); s.value = "base"; s.dispatchEvent(new Event("change")); }"""
+)
+
+
+class Cell:
+    """The picks of a file, with what they are judged in."""
+
+    def __init__(self, robot: str, name: str) -> None:
+        self.picks = pp.read_picks(robots_folder() / robot / name)
+        self.arm, self.scene = self.picks.load_arm(), self.picks.load_scene()
+
+    def report(self, picks: pp.Picks | None = None, scene: Scene | None = None) -> pp.picks.PickReport:
+        budget = PickBudget(compared=1, remedies=0, motion=0)
+        return pp.validate_picks(self.arm, scene or self.scene, picks or self.picks, rng=0, budget=budget)
+
+    def placed(self, k: int) -> SE3:
+        pick = self.picks.picks[k]
+        return root_from_frame(pick.frame, self.picks.frames, self.scene, self.arm) * pick.pose
+
+    def moved(self, k: int, shift: SE3) -> str | None:
+        """The stage at the grasp at which a pick fails in Python, if it and its object are moved."""
+        pick, scene = self.picks.picks[k], self.scene
+        if isinstance(pick.carried, str):
+            things = (replace(t, pose=shift * t.pose) if t.name == pick.carried else t for t in scene.obstacles)
+            scene = replace(scene, obstacles=tuple(things))
+        changed = replace(pick, pose=shift * self.placed(k), frame="", place=None)
+        return stage_of(self.report(replace(self.picks, picks=(changed,)), scene).verdicts[0])
+
+
+def stage_of(verdict: pp.picks.PickVerdict) -> str | None:
+    failed = None if verdict.failed is None else verdict.failed.value
+    return failed if failed in AT_THE_GRASP else None
+
+
+def opened(visit, name, *size):
+    page = visit(name, *size)
+    page.click("#live summary")
+    settled(page)
+    return page
+
+
+def settled(page) -> None:
+    page.wait_for("pinproof.again.now().loaded && pinproof.again.now().judged === pinproof.again.now().verdicts.length")
+
+
+@pytest.fixture(scope="module")
+def bolts(pages) -> Cell:
+    cell = Cell("ur5", "picks.yaml")
+    cell.report().save(pages("bolts"))
+    return cell
+
+
+@pytest.mark.parametrize(("robot", "name"), [("ur5", "picks.yaml"), ("ur5", "carry.yaml")])
+def test_moved_grasps_have_the_stages_of_python(visit, pages, robot, name):
+    cell, rng = Cell(robot, name), np.random.default_rng(3)
+    report = cell.report()
+    report.save(pages(name))
+    page = opened(visit, name, 800, 600)
+    unmoved = [verdict and verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")]
+    known = [k for k, verdict in enumerate(report.verdicts) if verdict.stages[0].ok]
+    assert [unmoved[k] for k in known] == [stage_of(report.verdicts[k]) for k in known]
+    shifts = []
+    for _ in range(12):
+        k, size = int(rng.choice(known)), rng.choice([0.02, 0.1, 0.3])
+        at = cell.placed(k)
+        turned = SE3(pose(rpy=rng.uniform(-0.4, 0.4, 3)).rotation @ at.rotation, at.translation)
+        shifts.append((k, pose(xyz=rng.uniform(-size, size, 3)) * turned * at.inverse()))
+    found = page.evaluate(MOVE % json.dumps([[k, matrix(shift).ravel().tolist()] for k, shift in shifts]))
+    assert found == [cell.moved(k, shift) for k, shift in shifts]
+    assert {None, "grasp"} <= set(found)
+
+
+def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):
+    page = opened(visit, "bolts", 800, 600)
+    page.evaluate(CHOOSE_BASE)
+    for x, y, yaw in ((0.1, -0.35, 0.0), (-0.1, -0.15, 0.7), (-0.25, 0.2, -2.0)):
+        root_from_base = pose(xyz=(x, y, 0.0), rpy=(0.0, 0.0, yaw))
+        target = json.dumps(matrix(root_from_base).ravel().tolist())
+        page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({target}), true)")
+        settled(page)
+        back = root_from_base.inverse()
+        scene, picks = bolts.scene.transformed(back), bolts.picks.transformed(back)
+        expected = [stage_of(verdict) for verdict in bolts.report(picks, scene).verdicts]
+        assert [verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")] == expected
+        assert page.text("#live-count").startswith(f"{expected.count(None)} of 7 picks reach here")
+        assert [text.startswith("Here: passes") for text in page.texts(".here")] == [s is None for s in expected]
+    assert "home" not in page.text("#live-count")
+    page.click("#live-command")
+    words = page.evaluate("document.getElementById('live-text').value")
+    assert words == "pinproof pick picks.yaml --place '-0.25 0.2 0 -2'"
+    inside_the_bin = "[1, 0, 0, 0.3, 0, 1, 0, -0.1, 0, 0, 1, 0, 0, 0, 0, 1]"
+    page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({inside_the_bin}), true)")
+    settled(page)
+    assert page.text("#live-count").endswith("The home configuration is in contact.")
+
+
+def test_the_base_is_dragged_on_the_floor_in_steps(visit, bolts):
+    page = opened(visit, "bolts", 1000, 700)
+    page.evaluate(CHOOSE_BASE)
+    page.evaluate("document.getElementById('snap-positions').value = '10'")
+    for _ in range(5):  # a press that comes while the page is laid out again turns the camera instead
+        start = page.evaluate(PLACE % (0.0, 0.0, 0.0))
+        page.drag(start, (start[0] - 50, start[1] + 20))
+        if page.evaluate("pinproof.again.now().showing"):
+            break
+    x, y, z = page.evaluate("pinproof.again.now().base")[3::4][:3]
+    assert np.hypot(x, y) > 0.03
+    assert z == 0.0
+    assert np.allclose(100 * np.array([x, y]) % 1, 0.0, atol=1e-9) or np.allclose(np.round([x, y], 2), [x, y])
+    page.wait_for(f"Math.abs(pinproof.viewer.scene_tree.find(['robot', 'base_link']).object.position.x - {x}) < 1e-9")
+    # What was proven is not shown as the verdict on the changed cell, until the motion is played
+    assert "No motion is proven" in page.text("#live-state")
+    assert page.evaluate("document.getElementById('caption').hidden")
+    page.click("#play")
+    page.wait_for("!pinproof.again.now().showing")
+    assert page.text("#live-state").startswith("Proven: the motions")
+    assert not page.evaluate("document.getElementById('caption').hidden")
+
+
+def test_the_object_moves_with_its_grasp_and_both_are_copied(visit, pages):
+    cell = Cell("ur5", "carry.yaml")
+    cell.report().save(pages("carry"))
+    page = opened(visit, "carry", 1000, 700)
+    k = next(
+        k for k, pick in enumerate(cell.picks.picks) if isinstance(pick.carried, str) and pick.carried in cell.scene
+    )
+    pick = cell.picks.picks[k]
+    page.evaluate(f"pinproof.choose({k})")
+    enter = "{ const e = document.querySelectorAll('#live .place input')[0]; e.value = Number(e.value) + 40;"
+    page.evaluate(enter + " e.dispatchEvent(new Event('change')); }")
+    settled(page)
+    x = cell.scene[pick.carried].pose.translation[0] + 0.04
+    drawn = f"pinproof.viewer.scene_tree.find(['scene', {json.dumps(pick.carried)}]).object.position.x"
+    page.wait_for(f"Math.abs({drawn} - {x}) < 1e-4")
+    assert f"{pick.carried} moves with the grasp" in page.text("#live-scope")
+    assert "approach, retreat, transit" in page.text("#live-scope")
+    page.click("#live-yaml")
+    entry, thing = page.evaluate("document.getElementById('live-text').value").splitlines()
+    assert entry.startswith(f"- {{name: {pick.name}, ")
+    assert thing.startswith(f"- {{name: {pick.carried}, xyz: [{x:.6g}")
+
+
+def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, pages, bolts):
+    chosen = tuple(pick for pick in bolts.picks.picks if pick.name in ("bolt_1", "bolt_5"))
+    setup = pp.picks.PickSetup.make(bolts.arm, bolts.scene, bolts.picks, home=None, rng=0)
+    sequence = pp.cell.sequence(setup, chosen)
+    sequence.save(pages("sequence"))
+    sequence.save(pages("still"), live=False)
+    grown = pages("sequence").stat().st_size - pages("still").stat().st_size
+    assert 1e5 < grown < 1e6
+    assert "wasm-unsafe-eval" not in pages("still").read_text(encoding="utf-8")
+    page = opened(visit, "sequence", 1000, 700)
+    page.evaluate(CHOOSE_BASE)
+    page.evaluate("pinproof.again.moveTo(pinproof.again.matrixOf([1,0,0,0.2,0,1,0,-0.1,0,0,1,0,0,0,0,1]), true)")
+    settled(page)
+    assert page.text("#live-count").startswith("2 of 2 picks reach here")
+    page.click("#live-command")
+    words = page.evaluate("document.getElementById('live-text').value")
+    assert words == "pinproof cell sequence picks.yaml --place '0.2 -0.1 0 0'"
+
+
+def test_picks_on_a_conveyor_are_not_judged_again():
+    picks = pp.read_picks(robots_folder() / "ur5" / "conveyor_picks.yaml")
+    setup = pp.picks.PickSetup.make(picks.load_arm(), picks.load_scene(), picks, home=None, rng=0)
+    assert LivePicks.of(setup, list(picks.picks), (), None).texts is None
+    with pytest.raises(pp.InputError, match="conveyor"):
+        LivePicks.of(setup, list(picks.picks), (), True)

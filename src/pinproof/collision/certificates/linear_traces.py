@@ -2,11 +2,18 @@
 
 The poses of the line are solved at samples. In between, the joint values are bounded as follows. Let J be the Jacobian
 with lengths divided by ``UNIT``, beta the norm of its inverse, and L a bound of the change of J for a unit change of
-the joint values. Along a line of unit speed, q' = J^-1 t with a constant twist t, so |q'| <= beta, and beta grows by at
-most beta' <= L beta^2 |q'| <= L beta^3. Therefore 1 / beta^2 decreases by at most 2 L for each unit of the line, and
-after a distance e the joint values differ by at most (1 / beta - sqrt(1 / beta^2 - 2 L e)) / L, if the root exists. The
-second derivative is -J^-1 J' q', so that |q''| <= L beta^3, and the chord between two samples at the distance e
-deviates by at most L beta^3 e^2 / 8. Within a distance of 1 / (beta L) there is no second solution of a pose.
+the joint values. If the pose moves by the distance e with a constant twist t of unit length, the joint values follow
+with q' = J^-1 t, so |q'| <= beta, and 1 / beta decreases by at most L |q'|. Therefore they move by at most
+(1 / beta - sqrt(1 / beta^2 - 2 L e)) / L, if the root exists. Let d be the distance of the joint values at two
+successive samples. On their chord 1 / beta is at least the lesser of both values less L d / 2. The velocity and the
+angular velocity of the tcp on the chord change by at most L d^2, so that its pose there differs from that on the line
+by at most L d^2 / 8 in place, and less than L d^2 / 4 in rotation: half of that from a rotation at the middle angular
+velocity, and half because this one differs from that of the line, which ends at the same poses. From the chord to the
+line, and to other interpolations of the orientation, the joint values then move as above; this solution is continuous,
+and the samples are on it.
+
+Prismatic joints before the last six, such as a rail, move in proportion to the line, as manuals document for external
+axes. Then the tcp also moves on a straight line in the axes behind these joints, for which the same bounds hold.
 """
 
 from __future__ import annotations
@@ -38,6 +45,9 @@ SINGULAR = 1e-6
 ATTEMPTS = 10
 """Newton steps for a pose."""
 
+POSE_ON_CHORD = 0.3
+"""Distance of the pose on a chord from that on the line, in L d^2: sqrt(1 / 64 + 1 / 16), and more."""
+
 ROUNDED = 1e-9
 """rad: allowance for the errors of the poses at the samples."""
 
@@ -56,39 +66,51 @@ class LineTrace(NamedTuple):
     reason: str = ""
 
 
-def trace_line(arm: Arm, start: Array, target: pin.SE3) -> LineTrace:
+def trace_line(arm: Arm, start: Array, target: pin.SE3, external: Array | None = None) -> LineTrace:
     """Return the joint values of an arm whose tcp moves on a straight line from ``start`` to a pose.
 
-    The last six joints, which must be revolute, follow the line; joints before them, such as a rail, rest.
+    The last six joints, which must be revolute, follow the line; the joints before them, such as a rail, move in
+    proportion to it to their values ``external`` (n - 6,) at the end, if they are prismatic, or rest.
     """
     first = arm.forward_kinematics(start)
     shift, turn = target.translation - first.translation, pin.log3(first.rotation.T @ target.rotation)
-    length, angle = float(np.linalg.norm(shift)) / UNIT, float(np.linalg.norm(turn))
     nothing = JointPath(start[None], arm.joint_names)
     if arm.dof < 6 or not arm.angular[-6:].all():
         return LineTrace(nothing, 0.0, "only arms whose last six joints are revolute are supported")
+    # In the axes behind the prismatic joints the tcp moves by the rest of the line
+    travel = np.zeros(arm.dof)
+    travel[:-6] = 0.0 if external is None else external - start[:-6]
+    moved = arm.forward_kinematics(start + travel)
+    if (
+        np.abs(travel[arm.angular]).max() > ROUNDED
+        or np.abs(pin.log3(first.rotation.T @ moved.rotation)).max() > ROUNDED
+    ):
+        return LineTrace(nothing, 0.0, "it rotates an external axis, which only joint moves may do")
+    carried = moved.translation - first.translation
+    length, angle = float(np.linalg.norm(shift - carried)) / UNIT, float(np.linalg.norm(turn))
     whole, between = float(np.hypot(length, angle)), interpolation_difference(turn)
     change = np.sqrt(6.0 * (1.0 + (levers(arm)[-6:] / UNIT) ** 2).sum())
     count, reason = max(FEWEST, int(whole / 0.01) + 1), ""
     while count <= MOST:
+        shares = np.linspace(0.0, 1.0, count + 1)
         poses = [
-            pin.SE3(first.rotation @ pin.exp3(s * turn), first.translation + s * shift)
-            for s in np.linspace(0.0, 1.0, count + 1)
+            pin.SE3(first.rotation @ pin.exp3(s * turn), first.translation + s * (shift - carried)) for s in shares
         ]
         q, inverse, reason = solve_poses(arm, start, poses)
         if reason:
             return LineTrace(nothing, 0.0, reason)
-        chord, tube = _bounds(q, inverse, whole / count, change, between)
+        steps, norms = np.linalg.norm(np.diff(q, axis=0), axis=1), np.maximum(inverse[1:], inverse[:-1])
+        chord, tube = _bounds(steps, norms, change, between)
         if chord <= CHORD and np.isfinite(tube):
-            return LineTrace(JointPath(q, arm.joint_names), chord + tube + ROUNDED)
+            return LineTrace(JointPath(q + shares[:, None] * travel, arm.joint_names), tube + ROUNDED)
         if chord <= CHORD:
             how = (
                 f"it rotates the tool by {angle:.2g} rad, and interpolations of the orientation differ by {between:.2g}"
             )
             return LineTrace(nothing, 0.0, how)
-        # The steps that the bounds need, if the norm does not exceed that at the samples by much.
-        needed = max(np.sqrt(change * inverse.max() ** 3 / (8.0 * CHORD)), 4.0 * change * inverse.max() ** 2)
-        count = max(2 * count, int(1.3 * whole * needed))
+        # As many steps as the bounds need, if norms and speeds do not exceed those at the samples by much
+        needed = steps * np.maximum(2.0 * change * norms, np.sqrt(change * norms / (2.0 * CHORD)))
+        count = max(2 * count, int(1.2 * count * needed.max()))
     return LineTrace(nothing, 0.0, "the arm is near a singularity on it")
 
 
@@ -162,19 +184,15 @@ def solve_poses(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Ar
     return np.array(rows), np.array(norms), reason
 
 
-def _bounds(q: Array, inverse: Array, step: float, change: float, turn: float) -> tuple[float, float]:
-    """Bounds (rad) of the deviation from the chords of samples (k, n), and of that by ``turn`` of the orientation.
+def _bounds(steps: Array, norms: Array, change: float, turn: float) -> tuple[float, float]:
+    """Bounds (rad) of the deviation from the chords of samples: on the line, and with ``turn`` of the orientation.
 
     Infinite if the samples are too far apart, or may be on different branches; see the top of this module.
     """
-    # After a whole step from either end of it; each sample begins or ends one.
-    least = 1.0 / inverse**2 - 2.0 * change * step
-    near = np.linalg.norm(np.diff(q, axis=0), axis=1) * np.maximum(inverse[1:], inverse[:-1]) * change < 0.5
-    if (least <= 0).any() or not near.all():
-        return np.inf, np.inf
-    largest = 1.0 / np.sqrt(least)
-    chord = float((change * largest**3).max() * step**2 / 8.0)
-    left = least - 2.0 * change * turn
-    if (left <= 0).any():
-        return chord, np.inf
-    return chord, float(((np.sqrt(least) - np.sqrt(left)) / change).max())
+    least, apart = 1.0 / norms - change * steps / 2.0, change * steps**2 * POSE_ON_CHORD
+    bounds = list[float]()
+    for moved in (apart, apart + turn):
+        left = least**2 - 2.0 * change * moved
+        possible = (least > 0.0).all() and (left > 0.0).all()
+        bounds.append(float(((least - np.sqrt(left)) / change).max()) if possible else np.inf)
+    return bounds[0], bounds[1]

@@ -8,6 +8,7 @@ with the stated deviation of the controller.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -106,10 +107,11 @@ def traced(program: RobotProgram, arm: Arm) -> tuple[RobotProgram, dict[int, Lin
                 alone = JointPath(stated[None], arm.joint_names)
                 trace = LineTrace(alone, 0.0, "it is the first move, so its start is not known")
             else:
-                trace = trace_line(arm, here, arm.forward_kinematics(stated) if step.pose is None else step.pose)
-                rails = [arm.joint_names.index(name) for name in program.external_joints]
-                if step.external is not None and np.abs(step.external - here[rails]).max(initial=0.0) > SAME_END:
-                    trace = trace._replace(reason="it moves external axes, which only joint moves may move")
+                external = step.external if step.q is None else step.q[:-6]
+                pose = arm.forward_kinematics(stated) if step.pose is None else step.pose
+                trace = trace_line(arm, here, pose, external)
+                if list(program.external_joints) != list(arm.joint_names[:-6]):
+                    trace = trace._replace(reason="external axes that are not before the joints of the robot")
                 if not trace.reason and step.q is not None and np.abs(trace.path.end - step.q).max() > SAME_END:
                     trace = trace._replace(reason="it ends at another configuration than the text states")
             if trace.reason:
@@ -163,8 +165,14 @@ class ZoneSide:
     """A move from the point of a zone, with points q (k, n) that begin there."""
 
     def __init__(self, arm: Arm, q: Array) -> None:
-        self.points = _dense(q)
-        tcp = arm.forward_kinematics_batch(self.points)[:, :3, 3]
+        # Points at equal shares of the move; the tcp on a linear one is at equal distances
+        q = q if len(q) > 1 else np.repeat(q, 2, axis=0)
+        parts = math.ceil(1.0 / (SPACING * (len(q) - 1)))
+        own, shares = np.arange(len(q)) * parts, np.arange((len(q) - 1) * parts + 1)
+        self.points = np.stack([np.interp(shares, own, column) for column in q.T], axis=1)
+        tcp = arm.forward_kinematics_batch(self.points if len(q) == 2 else q)[:, :3, 3]
+        if len(q) > 2:
+            tcp = np.stack([np.interp(shares, own, column) for column in tcp.T], axis=1)
         # The tcp moves by at most ``lever . |dq|`` between two samples
         self._slack = float((np.abs(np.diff(self.points, axis=0)) @ levers(arm)).max())
         self._distances = np.linalg.norm(tcp - tcp[0], axis=1)
@@ -186,13 +194,6 @@ def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
     which the tcp may be within the radius of its position at the point.
     """
     return ZoneSide(arm, q).shares(blend)
-
-
-def _dense(q: Array) -> Array:
-    """Points of a move at equal shares of it; a line that is not traced has a single one."""
-    if len(q) != 2:
-        return q if len(q) > 2 else np.repeat(q, 2, axis=0)
-    return np.asarray(q[0] + np.arange(0.0, 1.0 + SPACING, SPACING)[:, None] * (q[1] - q[0]))
 
 
 def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tuple[JointPath, Array]:

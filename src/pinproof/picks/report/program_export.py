@@ -323,9 +323,11 @@ class PickMoves:
         returns = stretch[-1].name == RETURN
         end, last = stretch[-1].trajectory.end, stretch[-2 if returns else -1].name
         grasped = self.moves and any(self.moves.values())  # the moves before this stretch
+        # The configurations at the outer ends of the lines in the motion
+        outer = {own.name: own.trajectory.start if own.name in LINES_IN else own.trajectory.end for own in stretch}
         out = into = None
         if not grasped:  # towards the part
-            into = self._line("approach", end, pick.before(self._task.grasp(member)), pick.approach)
+            into = self._line("approach", outer, end, pick.before(self._task.grasp(member)), pick.approach)
         elif last in ("leave", "retreat") or place is None:
             stage = "leave" if last == "leave" else "retreat"
             pose = (
@@ -333,10 +335,10 @@ class PickMoves:
                 if last == "leave" and place
                 else pick.after(self._task.grasp(member))
             )
-            out = self._line(stage, here, pose, 1.0)
+            out = self._line(stage, outer, here, pose, 1.0)
         else:
-            out = self._line("retreat", here, pick.after(self._task.grasp(member)), pick.retreat)
-            into = self._line("place", end, place.before(self._task.release(member)), place.approach)
+            out = self._line("retreat", outer, here, pick.after(self._task.grasp(member)), pick.retreat)
+            into = self._line("place", outer, end, place.before(self._task.release(member)), place.approach)
         if out is not None and into is None and not returns:
             stages = (out.stage,)
             best = _Moves(stages, (None,), self._within_limits(stages, [ControllerMove(out.path)]))
@@ -351,11 +353,18 @@ class PickMoves:
             )
         return np.asarray(best.motion.moves[-1].path.end)
 
-    def _line(self, stage: str, q: Array, pose: SE3, length: float) -> _Line | None:
-        """The line of a stage from the part outwards; None if the pick has none."""
+    def _line(self, stage: str, outer: Mapping[str, Array], q: Array, pose: SE3, length: float) -> _Line | None:
+        """The line of a stage from q (n,) at the part outwards; None if the pick has none."""
         if not length:
             return None
-        trace = trace_line(self._arm, q, self._task.target(pose))
+        # External axes move at the rate of the motion, in which the line may be shorter, or all of them rest
+        target, far, rest = self._task.target(pose), outer.get(stage, q), q[:-6]
+        here, there = (self._arm.forward_kinematics(each).translation for each in (q, far))
+        longer = np.linalg.norm(target.translation - here) / max(float(np.linalg.norm(there - here)), 1e-9)
+        travel = np.where(self._arm.angular[:-6], 0.0, max(longer, 1.0) * (far[:-6] - rest))
+        trace = trace_line(self._arm, q, target, rest + travel)
+        if trace.reason and travel.any():
+            trace = trace_line(self._arm, q, target)
         if trace.reason:
             raise NoMoves(f"pick {self._task.pick.name!r}: the {stage} cannot be a linear move: {trace.reason}")
         straight = 1.0 if stage in self._task.pick.speed else self._task.cell.shared.straight
@@ -537,6 +546,9 @@ def recertify_program(setup: PickSetup, picks: Sequence[Pick], path: str | Path)
     own = tuple((stored.name, record.name, proof, record.name in stored.changed) for record, proof in records)
     return ProgramCheck(stored.name, own, False, duration=stored.duration)
 
+
+LINES_IN = ("approach", "place")
+"""The names of linear motions towards the part or its place."""
 
 FREE_MOTIONS = ("transit", "transfer", "pick", RETURN)
 """The names of certified motions on which nothing is touched."""

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -165,6 +165,7 @@ def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile
     return _rates(path, limits, speed).profile(REST, REST)
 
 
+@lru_cache(maxsize=256)
 def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
@@ -204,7 +205,7 @@ def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     return best
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def spline_of(path: JointPath) -> CubicSpline:
     """The curve through the points of a move, by the share of it that is passed."""
     from scipy.interpolate import CubicSpline
@@ -219,7 +220,11 @@ class ControllerMotion:
     moves: tuple[ControllerMove, ...]
     profiles: tuple[Profile, ...]
     starts: tuple[float, ...]
-    trajectory: Trajectory
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The sum of the displacements of all moves."""
+        return _trajectory(self.moves, self.profiles, self.starts)
 
     @property
     def duration(self) -> float:
@@ -228,9 +233,12 @@ class ControllerMotion:
 
 
 def controller_motion(
-    moves: Sequence[ControllerMove], limits: JointLimits, *, optional: bool = False
+    moves: Sequence[ControllerMove], limits: JointLimits, *, optional: bool = False, roughly: bool = False
 ) -> ControllerMotion:
-    """The motion of moves; with ``optional`` a zone that saves no time becomes a stop, as where both moves reverse."""
+    """The motion of moves; with ``optional`` a zone that saves no time becomes a stop, as where both moves reverse.
+
+    ``roughly`` compares fewer speeds at the zones, for a duration that is compared with others.
+    """
     moves = list(moves)
     rates = [_rates(move.path, limits, move.speed) for move in moves]
     for k, (move, own) in enumerate(zip(moves, rates, strict=True)):
@@ -264,7 +272,7 @@ def controller_motion(
             usual[k] = np.atleast_1d(along / max(across, 1e-24)), np.ones(1)
     # The best speeds at all zones, first of many, then of those near them
     chosen = list[Array]()
-    for ratios, shares in zip(RATIOS, SPEED_SHARES, strict=True):
+    for ratios, shares in zip(RATIOS[: 2 - roughly], SPEED_SHARES[: 2 - roughly], strict=True):
         options = list[Array]()
         for k in range(len(moves) - 1):
             rows = np.zeros((1, 5))  # the speed before the zone, that behind it, the time in it, ratio, and share
@@ -287,7 +295,7 @@ def controller_motion(
         replace(move, zone=None) if optional and k in zones and not chosen[k][2] else move
         for k, move in enumerate(moves)
     )
-    return ControllerMotion(planned, tuple(profiles), tuple(starts), _trajectory(moves, profiles, starts, curves))
+    return ControllerMotion(planned, tuple(profiles), tuple(starts))
 
 
 def _zone_speeds(
@@ -327,13 +335,7 @@ def _shortest(rates: Sequence[_Rates], options: Sequence[Array]) -> list[Array]:
     return chosen[::-1]
 
 
-def _trajectory(
-    moves: Sequence[ControllerMove],
-    profiles: Sequence[Profile],
-    starts: Sequence[float],
-    curves: Sequence[CubicSpline | None],
-) -> Trajectory:
-    """The sum of the displacements of all moves."""
+def _trajectory(moves: Sequence[ControllerMove], profiles: Sequence[Profile], starts: Sequence[float]) -> Trajectory:
     # Between these times the speed of every move is linear in time
     knots = [0.0]
     for move, profile, start in zip(moves, profiles, starts, strict=True):
@@ -344,13 +346,14 @@ def _trajectory(
     times = np.unique(np.round(knots, 9))
     q = np.tile(moves[0].path.q[0], (len(times), 1))
     rates = np.zeros_like(q)
-    for move, profile, start, curve in zip(moves, profiles, starts, curves, strict=True):
+    for move, profile, start in zip(moves, profiles, starts, strict=True):
         shares, speeds = profile.at(times - start)
-        if curve is None:
+        if len(move.path.q) == 2:
             travel = move.path.q[1] - move.path.q[0]
             q += shares[:, None] * travel
             rates += speeds[:, None] * travel
         else:
+            curve = spline_of(move.path)
             q += curve(shares) - move.path.q[0]
             rates += speeds[:, None] * curve(shares, 1)
     rates[[0, -1]] = 0.0

@@ -68,6 +68,10 @@ class JointPath(BezierCurve, Shown):
 
     NUMBERS = ("q",)
 
+    def __hash__(self) -> int:
+        """Different for most paths, so that caches find one without comparing it with the others."""
+        return hash((len(self.q), float(self.q[0].sum()), float(self.q[-1].sum())))
+
     def __post_init__(self) -> None:
         names = checked_joint_names(self.joint_names)
         waypoints = finite("q", self.q, (None, len(names)))

@@ -18,6 +18,7 @@ axes. Then the tcp also moves on a straight line in the axes behind these joints
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -137,6 +138,7 @@ def interpolation_difference(turn: Array) -> float:
     return min(TURN_ALLOWANCE * largest, float(np.pi))
 
 
+@lru_cache(maxsize=16)
 def levers(arm: Arm) -> Array:
     """(n,) motion of the tcp for a unit of each joint: at most this, in m/rad, or 1 for a prismatic joint."""
     model, tcp = arm.model, arm.model.frames[arm.tcp_id]

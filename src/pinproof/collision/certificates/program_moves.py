@@ -12,7 +12,7 @@ import numpy as np
 
 from pinproof.collision.certificates.certify import is_proven_free
 from pinproof.collision.certificates.linear_traces import trace_line
-from pinproof.collision.certificates.program_parts import SAME_END, ZoneSide, blend_cover
+from pinproof.collision.certificates.program_parts import SAME_END, blend_cover, zone_side
 from pinproof.collision.checking.checker import CollisionChecker
 from pinproof.model import Arm
 from pinproof.motion import (
@@ -67,8 +67,8 @@ def zone_proven(
     blend: Blend, arm: Arm, into: JointPath, out: JointPath, proven: Callable[[JointPath, Array], bool]
 ) -> bool:
     """Return whether a blend between two moves uses at most half of each, and is proven."""
-    sides = (ZoneSide(arm, path.q).shares(blend)[0] for path in (into.reversed(), out))
-    return max(sides) <= 0.5 and proven(*blend_cover(blend, arm, into, out))
+    sides = (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False))
+    return max(side.shares(blend)[0] for side in sides) <= 0.5 and proven(*blend_cover(blend, arm, into, out))
 
 
 def timed_step(
@@ -123,38 +123,44 @@ class _MovesSearch:
     ) -> None:
         self._arm, self._zones, self._proven, self._common = arm, language.zones, proven, language.common_zone
         self._leaving, self._entering = lines
-        self._known = dict[tuple[bytes, bytes], bool]()
-        self._sides = dict[tuple[int, bytes], list[tuple[float, float]]]()
-        self._corners = dict[tuple[int, int, bytes, bytes, bool], int]()
+        self._paths = dict[tuple[bytes, bytes], JointPath]()
+        self._known = dict[JointPath, bool]()
+        self._sides = dict[tuple[JointPath, bool], list[tuple[float, float]]]()
+        self._corners = dict[tuple[JointPath, JointPath, bool], int]()
+
+    def _path(self, one: Array, other: Array) -> JointPath:
+        """The path of a joint move, which is the same one each time."""
+        key = (one.tobytes(), other.tobytes())
+        if key not in self._paths:
+            self._paths[key] = JointPath(np.stack([one, other]), self._arm.joint_names)
+        return self._paths[key]
 
     def line_proven(self, one: Array, other: Array) -> bool:
         """Whether a joint move is proven."""
-        pair = (one.tobytes(), other.tobytes())
-        if pair not in self._known:
-            path = JointPath(np.stack([one, other]), self._arm.joint_names)
-            self._known[pair] = self._proven(path, np.zeros(self._arm.dof))
-        return self._known[pair]
+        path = self._path(one, other)
+        if path not in self._known:
+            self._known[path] = self._proven(path, np.zeros(self._arm.dof))
+        return self._known[path]
 
     def lines_proven(self, choice: _Choice) -> bool:
         """Whether all joint moves of a choice are proven."""
         return all(self.line_proven(*pair) for pair in pairwise(np.array(choice.points)))
 
-    def _shares(self, path: JointPath) -> list[tuple[float, float]]:
-        """The shares of a move from its start that each zone there may use, and does."""
-        side = (len(path.q), path.q[[0, 1, -1]].tobytes())
-        if side not in self._sides:
-            move = ZoneSide(self._arm, path.q)
-            self._sides[side] = [move.shares(blend) for blend in self._zones]
-        return self._sides[side]
+    def _shares(self, path: JointPath, *, at_end: bool) -> list[tuple[float, float]]:
+        """The shares of a move from one of its ends that each zone there may use, and does."""
+        if (path, at_end) not in self._sides:
+            move = zone_side(self._arm, path, at_end=at_end)
+            self._sides[path, at_end] = [move.shares(blend) for blend in self._zones]
+        return self._sides[path, at_end]
 
     def _zone(self, into: JointPath, out: JointPath, allowed: tuple[float, float], *, proven: bool) -> int:
         """The number of the largest zone that uses at most the allowed shares, and is proven if asked.
 
         A smaller zone is covered where a larger one is, so that few of them are proven.
         """
-        key = (len(into.q), len(out.q), into.q[[0, -1]].tobytes(), out.q[[0, -1]].tobytes(), proven)
+        key = (into, out, proven)
         if key not in self._corners:
-            pairs = list(zip(self._shares(into.reversed()), self._shares(out), strict=True))
+            pairs = list(zip(self._shares(into, at_end=True), self._shares(out, at_end=False), strict=True))
             numbers = [
                 k for k, shares in enumerate(pairs) if all(s[0] <= a for s, a in zip(shares, allowed, strict=True))
             ]
@@ -171,7 +177,7 @@ class _MovesSearch:
         points = np.array(choice.points)
         if proven and not self.lines_proven(choice):
             return None
-        paths = [JointPath(pair, self._arm.joint_names) for pair in pairwise(points)]
+        paths = [self._path(*pair) for pair in pairwise(points)]
         shares = [0.5] * len(paths)
         for number, side, at in ((choice.leaving, self._leaving, 0), (choice.entering, self._entering, len(paths) + 1)):
             if side:
@@ -191,11 +197,11 @@ class _MovesSearch:
             ends = [
                 None
                 if number == len(self._zones)
-                else (self._shares(into.reversed())[number][1], self._shares(out)[number][1])
+                else (self._shares(into, at_end=True)[number][1], self._shares(out, at_end=False)[number][1])
                 for (into, out), number in zip(corners, used, strict=True)
             ]
             moves = [ControllerMove(path, None, zone) for path, zone in zip(paths, [*ends, None], strict=True)]
-            motion = controller_motion(moves, self._arm.limits, optional=True)
+            motion = controller_motion(moves, self._arm.limits, optional=True, roughly=not proven)
             kept = (blend if move.zone else None for move, blend in zip(motion.moves, [*blends, None], strict=True))
             if best is None or motion.duration < best.motion.duration:
                 best = BlendedMoves(motion, tuple(kept))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -187,6 +188,12 @@ class ZoneSide:
         return min((last + 1) * spacing, blend.share), min((first - 1) * spacing, blend.share)
 
 
+@lru_cache(maxsize=512)
+def zone_side(arm: Arm, path: JointPath, *, at_end: bool) -> ZoneSide:
+    """The move from the point of a zone, which is the start or the end of a path."""
+    return ZoneSide(arm, path.q[::-1] if at_end else path.q)
+
+
 def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
     """Return the share of a move from a point that a blend there may use: an upper bound, and the stated one.
 
@@ -208,7 +215,7 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
     linear move.
     """
     point, sides = into.end, list[Array]()
-    for side in (ZoneSide(arm, path.q) for path in (into.reversed(), out)):
+    for side in (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False)):
         sides.append(side.points[: int(np.ceil(side.shares(blend)[0] * (len(side.points) - 1) - 1e-9)) + 1] - point)
     extent = np.abs(np.concatenate(sides)).max(axis=0)
     one, other = sorted(sides, key=lambda side: float(np.abs(side).max()))

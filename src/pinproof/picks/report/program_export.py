@@ -360,7 +360,7 @@ class PickMoves:
         # External axes move at the rate of the motion, in which the line may be shorter, or all of them rest
         target, far, rest = self._task.target(pose), outer.get(stage, q), q[:-6]
         here, there = (self._arm.forward_kinematics(each).translation for each in (q, far))
-        longer = np.linalg.norm(target.translation - here) / max(float(np.linalg.norm(there - here)), 1e-9)
+        longer = float(np.linalg.norm(target.translation - here)) / max(float(np.linalg.norm(there - here)), 1e-9)
         travel = np.where(self._arm.angular[:-6], 0.0, max(longer, 1.0) * (far[:-6] - rest))
         trace = trace_line(self._arm, q, target, rest + travel)
         if trace.reason and travel.any():

@@ -353,7 +353,7 @@ def test_a_move_that_is_too_fast_is_not_free(made, certified) -> None:
         assert {proof.status for proof in proofs} == {VIOLATED}
 
 
-@pytest.mark.parametrize("dialect", ["rapid", "krl"])
+@pytest.mark.parametrize("dialect", OUTPUTS)
 def test_programs_keep_the_limits_of_the_tool_that_a_pick_states(report, verdict, dialect) -> None:
     """KRL states no durations, so that a speed is reached earlier than in a motion that is slowed down."""
     (program,) = report.programs()
@@ -381,6 +381,25 @@ def test_programs_keep_the_limits_of_the_tool_that_a_pick_states(report, verdict
     (proofs,) = certify_picks_program(report.setup, [pick], faster)[0]
     slow = {name for (name, _), proof in zip(faster.picks[0].motions, proofs, strict=True) if proof.status is VIOLATED}
     assert slow == set(pick.speed)
+
+
+@pytest.fixture(scope="module")
+def slow() -> tuple[PickReport, float]:
+    """The pick whose tool may be no faster than 0.25 m/s, and the duration of its motion."""
+    arm, scene, picks = cell_of("ur5", "carry.yaml", "over_the_wall")
+    speeds = {name: ToolSpeed(linear_speed=0.25) for name in ("transit", "approach", "retreat", "transfer", "place")}
+    picks = replace(picks, picks=tuple(replace(pick, speed=speeds) for pick in picks.picks))
+    report = pp.validate_picks(arm, scene, picks)
+    return report, report.programs()[0].duration
+
+
+@pytest.mark.parametrize("dialect", ["urscript", "krl", "fanuc"])
+def test_a_stated_speed_of_the_tool_costs_a_program_little_time(slow, dialect) -> None:
+    """Each move states the speed that it may have, at the usual accelerations; slow parts are moves of their own."""
+    report, motion = slow
+    made = exported(report, dialect, grip=0.0)
+    assert made.free
+    assert made.duration - 0.25 < 1.1 * motion
 
 
 def test_a_program_that_leaves_the_position_limits_is_not_free(text, certified) -> None:

@@ -93,6 +93,14 @@ class Profile:
         """Seconds from rest to rest."""
         return self.times[-1]
 
+    @property
+    def gains(self) -> Array:
+        """The accelerations and decelerations between zones, in shares of the move per second^2."""
+        times, speeds = np.array(self.times), np.array(self.speeds)
+        inner = (times[1:] > self.entry + 1e-9) & (times[:-1] < self.duration - self.exit - 1e-9)
+        changes = np.abs(np.diff(speeds)[inner] / np.diff(times)[inner])
+        return np.asarray(changes[changes > 1e-9])
+
     def lasting(self, duration: float) -> Profile:
         """The profile of the same form with another duration."""
         longer = duration / self.duration

@@ -83,10 +83,20 @@ def timed_step(
             velocity = np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)
             top = (velocity / np.maximum(np.abs(q - move.path.start), 1e-12)).min()
             percent = int(100 * profile.peak / top + 1e-6)
-        return JointMove(q, profile.duration, blend, percent=min(max(percent, 1), 100))
+        percent = min(max(percent, 1), 100)
+        if move.top is None or move.duration is not None:
+            return JointMove(q, profile.duration, blend, percent=percent)
+        travel, gain = float(np.abs(q - move.path.start).max()), float(fastest(move.path, arm.limits).gains.min())
+        return JointMove(q, None, blend, speed=profile.peak * travel, percent=percent, acceleration=gain * travel)
     first, last = (arm.forward_kinematics(end) for end in (move.path.start, q))
-    speed = profile.peak * float(np.linalg.norm(last.translation - first.translation))
-    return LinearMove(q, last, profile.duration, speed=speed, blend=blend)
+    length = float(np.linalg.norm(last.translation - first.translation))
+    duration = profile.duration if move.top is None or move.duration is not None else None
+    acceleration = None
+    if duration is None:  # the least of the usual ones, with which no joint exceeds its own on any part of the line
+        slope = np.abs(np.diff(move.path.q, axis=0)).max(axis=0) * (len(move.path.q) - 1)
+        most = np.where(np.isnan(arm.limits.acceleration), np.inf, arm.limits.acceleration)
+        acceleration = length * min(fastest(move.path, arm.limits).gains.min(), (most / np.maximum(slope, 1e-12)).min())
+    return LinearMove(q, last, duration, speed=profile.peak * length, blend=blend, acceleration=acceleration)
 
 
 class BlendedMoves(NamedTuple):

@@ -360,6 +360,7 @@ class Dialect:
     comment_mark = ""
     comment_width = 110
     times = True  # whether moves can state their durations
+    cruises = False  # whether joint moves can state a speed at which they accelerate as usual
     exact = False  # whether the controller interpolates a trajectory exactly as pinproof does
     streams = False  # whether the language can send set points at a fixed period
     outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs

@@ -51,6 +51,7 @@ class Fanuc(Dialect):
     name = "fanuc"
     endings = (".ls",)
     external = 6
+    cruises = True
     comment_mark = "!pp"
     comment_width = 28
     outputs = "1"

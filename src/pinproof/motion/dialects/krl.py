@@ -50,6 +50,7 @@ class Krl(Dialect):
     longest = 24
     external = 6
     times = False
+    cruises = True
     comment_mark = "; pinproof:"
     outputs = "1"
     zones = tuple(Blend(radius, 0.5) for radius in RADII)

@@ -56,6 +56,7 @@ class UrScript(Dialect):
     )
     deviation = 0.002
     streams = True
+    cruises = True
     signals, signal_kind = "[0-7]", "numbers from 0 to 7"
     remark = ("# ", "")
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -262,6 +262,10 @@ SLOWER, RATES_KEPT = 1.0005, 1.001
 """By how much more moves are made slower, and up to which excess limits are kept: texts round joint values."""
 
 
+PARTS, DIVIDED, STOP = 16, 3, 0.25
+"""Parts of a joint move whose speeds are compared, the most stops that divide it, and the seconds that each counts."""
+
+
 class NoMoves(InputError):
     """No joint moves between two points of a pick are proven."""
 
@@ -341,7 +345,7 @@ class PickMoves:
             into = self._line("place", outer, end, place.before(self._task.release(member)), place.approach)
         if out is not None and into is None and not returns:
             stages = (out.stage,)
-            best = _Moves(stages, (None,), self._within_limits(stages, [ControllerMove(out.path)]))
+            best = self._within_limits(stages, (None,), [ControllerMove(out.path)])
         else:
             best = self._between(stretch, (here, end), (out, into))
         names = [segment.name for segment in stretch]
@@ -398,7 +402,7 @@ class PickMoves:
             if found is not None:
                 joint = [stage] * (len(found.blends) - bool(leaving) - bool(entering))
                 stages = [line.stage for line in lines[:1] if line] + joint + [line.stage for line in lines[1:] if line]
-                return _Moves(tuple(stages), found.blends, self._within_limits(stages, found.motion.moves))
+                return self._within_limits(stages, found.blends, found.motion.moves)
         what = " and ".join(segment.name for segment in stretch)
         raise NoMoves(f"pick {self._task.pick.name!r}: no joint moves for {what} are proven collision-free")
 
@@ -409,31 +413,87 @@ class PickMoves:
             return False
         return not (part.constraints or part.passing) or prove_part(part, path, tolerance).free
 
-    def _within_limits(self, stages: Sequence[str], moves: Sequence[ControllerMove]) -> ControllerMotion:
-        """The motion, as slow as the limits of torques, of the grip and of the tool require."""
+    def _within_limits(
+        self, stages: Sequence[str], blends: Sequence[Blend | None], moves: Sequence[ControllerMove]
+    ) -> _Moves:
+        """The moves, as slow as the limits of torques, of the grip and of the tool require."""
         checker = next(iter(self._parts.values())).checker
         rates = {stage: rate_limits(self._task, self._member, stage, checker) for stage in stages}
-        limits, own = self._arm.limits, list(moves)
+        limits, language = self._arm.limits, self._language
+        # Speeds of the tool, which a lower speed keeps at the same accelerations, and the other limits
+        speeds = {
+            stage: [each for each in own if isinstance(each, ToolLimits) and np.isinf(each.limits[2:]).all()]
+            for stage, own in rates.items()
+        }
+        others = {stage: [each for each in own if each not in speeds[stage]] for stage, own in rates.items()}
+        # Joint moves are divided where the tool may move faster
+        zones = [None, *(move.zone for move in moves)]
+        cuts = [
+            self._cuts(move, speeds[stage], (zones[k], zones[k + 1]))
+            if language.cruises and speeds[stage] and stage in FREE_MOTIONS
+            else (0.0, 1.0)
+            for k, (stage, move) in enumerate(zip(stages, moves, strict=True))
+        ]
+        names, ends, own = list[str](), list[Blend | None](), list[ControllerMove]()
+        for k, (stage, blend, move) in enumerate(zip(stages, blends, moves, strict=True)):
+            for first, last in pairwise(cuts[k]):
+                divided = len(cuts[k]) > 2
+                path = JointPath(_line_at(move.path, [first, last]), move.path.joint_names) if divided else move.path
+                zone = move.zone if last == 1.0 else None
+                if zone is not None:
+                    zone = zone[0] / (last - first), zone[1] / cuts[k + 1][1]
+                own.append(replace(move, path=path, zone=zone))
+                names.append(stage)
+                ends.append(blend if last == 1.0 else None)
 
-        def slower(move: ControllerMove, profile: Profile, excess: float) -> ControllerMove:
-            """The move with a longer duration, or at a lower speed if the language states none."""
-            if excess <= 1.0:
-                return move
-            if self._language.times:
-                return replace(move, duration=SLOWER * excess * profile.duration)
-            return replace(move, top=profile.peak / (SLOWER * excess))
+        def slower(number: int, profile: Profile, excess: float, *, speed: bool) -> None:
+            """Move at a lower speed, or take a longer time if only that can be stated, or is needed."""
+            states = language.cruises or names[number] not in FREE_MOTIONS
+            if excess > 1.0 and ((speed and states) or not language.times):
+                own[number] = replace(own[number], top=profile.peak / (SLOWER * excess))
+            elif excess > 1.0:
+                own[number] = replace(own[number], duration=SLOWER * excess * profile.duration)
 
-        for k, stage in enumerate(stages) if any(rates.values()) else ():
-            single = controller_motion([replace(own[k], zone=None)], limits)
-            excess = max((float(np.max(limit.excess(single.trajectory))) for limit in rates[stage]), default=0.0)
-            own[k] = slower(own[k], single.profiles[0], excess)
+        for k, stage in enumerate(names) if any(rates.values()) else ():
+            for each in (others, speeds):
+                single = controller_motion([replace(own[k], zone=None)], limits)
+                excess = max((float(np.max(limit.excess(single.trajectory))) for limit in each[stage]), default=0.0)
+                slower(k, single.profiles[0], excess, speed=each is speeds)
         for _ in range(ROUNDS):
             motion = controller_motion(own, limits)
-            excesses = rate_excess(motion, stages, rates)
-            if excesses.max() <= 1.0:
+            both = [rate_excess(motion, names, each) for each in (others, speeds)]
+            if max(excesses.max() for excesses in both) <= 1.0:
                 break
-            own = [slower(*each) for each in zip(own, motion.profiles, excesses.tolist(), strict=True)]
-        return motion
+            for excesses, speed in zip(both, (False, True), strict=True):
+                for k, excess in enumerate(excesses.tolist()):
+                    slower(k, motion.profiles[k], excess, speed=speed)
+        return _Moves(tuple(names), tuple(ends), motion)
+
+    def _cuts(
+        self, move: ControllerMove, speeds: Sequence[ToolLimits], zones: Sequence[tuple[float, float] | None]
+    ) -> tuple[float, ...]:
+        """The shares at which a joint move is divided by stops, because parts of it may be faster than others.
+
+        A zone keeps at most half of its part.
+        """
+        least = [0.0 if zone is None else 2.0 * zone[side] for zone, side in zip(zones, (1, 0), strict=True)]
+        grid, tops = np.linspace(0.0, 1.0, PARTS + 1), list[float]()
+        for pair in pairwise(_line_at(move.path, grid)):
+            part = controller_motion([ControllerMove(JointPath(pair, move.path.joint_names))], self._arm.limits)
+            excess = max(float(np.max(limit.excess(part.trajectory))) for limit in speeds)
+            tops.append(part.profiles[0].peak / max(excess, 1.0) / PARTS)
+        inner = [k for k in range(1, PARTS) if least[0] <= grid[k] <= 1.0 - least[1]]
+        options = [(0, *chosen, PARTS) for count in range(DIVIDED + 1) for chosen in combinations(inner, count)]
+
+        def seconds(option: tuple[int, ...]) -> float:
+            return sum((b - a) / PARTS / min(tops[a:b]) + STOP for a, b in pairwise(option))
+
+        return tuple(float(grid[k]) for k in min(options, key=seconds))
+
+
+def _line_at(path: JointPath, shares: Sequence[float] | Array) -> Array:
+    """The points (k, n) of a joint move at shares of it."""
+    return np.asarray(path.start + np.asarray(shares)[:, None] * (path.end - path.start))
 
 
 def rate_excess(

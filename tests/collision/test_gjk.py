@@ -230,3 +230,22 @@ def test_contact_is_decided_on_both_sides_of_the_margin(data):
     assert overlapping == ([0] if lower <= 0 else [])
     if lower > 0:
         assert (below, above, pair) == (pytest.approx(lower, abs=1e-9), pytest.approx(upper, abs=1e-9), 0)
+
+
+@pytest.mark.parametrize("count", [17, 150, 1024])
+def test_the_farthest_point_of_a_hull_is_found_along_every_direction(count):
+    rng = np.random.default_rng(count)
+    points = rng.normal(size=(count, 3))
+    points[: count // 2] = np.round(points[: count // 2])  # several points may be the farthest one
+    hull = _core.Body(core_shape(points, 0.0, 0.0, 0.0), 0, np.eye(4))
+    joint = _core.Joint(before=np.eye(4), prismatic=True, index=0, multiplier=1.0, offset=0.0)
+    # Also directions between the cells into which the core sorts them, with zeros of both signs.
+    borders = np.array(list(itertools.product((-1.0, -0.5, -0.0, 0.0, 0.5, 1.0), repeat=3)))
+    for normal in [*rng.normal(size=(200, 3)), *borders[borders.any(axis=1)]]:
+        turn = np.linalg.qr(np.column_stack([normal, np.eye(3)]))[0][:, [1, 2, 0]]
+        turn *= np.sign(turn[:, 2] @ normal)
+        plane = _core.Body(_core.Shape.half_space(np.array([[-9.0] * 3, [9.0] * 3])), -1, placed((0, 0, 0), turn))
+        geometry = _core.Geometry(_core.JointTree([joint], 1), [hull], _core.Obstacles([plane]), 1e-12)
+        pairs = _core.PairTable(geometry, np.array([[0, 1]]))
+        space = _core.Workspace(_core.World(geometry, pairs, np.array([0.0])))
+        assert space.measure(0)[0] == pytest.approx((points @ turn[:, 2]).min(), abs=1e-12)

@@ -1,8 +1,10 @@
 // The shape of a body: its support function if it is convex, or its triangles, and the volumes that bound it.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
@@ -43,6 +45,10 @@ struct Shape {
     std::shared_ptr<const TriangleMesh> mesh;  // of a mesh only
     std::shared_ptr<const CellTree> cells;     // of cells only
     std::vector<PointBlock> points;
+    // The points that may be the farthest one along the directions of each cell, see direction_cell: `of_cells[c]` is the
+    // number of the first block of cell c. Empty for few points, which are compared as fast.
+    std::vector<PointBlock> by_direction;
+    std::vector<std::uint32_t> of_cells;
     bool has_discs = false;
     bool is_box = false;  // the points are the eight corners of the box `corners_centre` +- `corners_half`
     Vec3 corners_centre, corners_half;
@@ -59,6 +65,18 @@ struct Shape {
 // shape.
 Shape make_shape(ShapeKind kind, std::span<const double> points, std::span<const double> discs, double radius,
                  const Vec3& semi_axes, const Vec3& low, const Vec3& high);
+
+// The number of the cell of a direction: which component is the longest, whether each of the two others is longer than half of
+// it, and the signs of all three. The cell is the cone around a rectangle on a side of a cube.
+inline constexpr std::size_t kDirectionCells = 96;
+inline std::size_t direction_cell(const Vec3& d) {
+    const double x = std::abs(d.x), y = std::abs(d.y), z = std::abs(d.z);
+    const bool is_y = y > x, is_z = z > std::max(x, y);
+    const std::size_t axis = is_z ? 2 : is_y;
+    const double longest = is_z ? z : is_y ? y : x, u = axis == 0 ? y : x, v = is_z ? y : z;
+    return axis * 32 + (2.0 * u > longest) * 16 + (2.0 * v > longest) * 8 + std::signbit(d.x) * 4 + std::signbit(d.y) * 2 +
+           std::signbit(d.z);
+}
 
 namespace detail {
 
@@ -110,7 +128,12 @@ inline Vec3 support(const Shape& shape, const Vec3& d) {
         point.x += disc / flat * d.x;
         point.y += disc / flat * d.y;
     } else {
-        point = detail::extreme_point<false>(shape.points, d, flat, disc);
+        std::span<const PointBlock> blocks = shape.points;
+        if (!shape.of_cells.empty()) {
+            const std::uint32_t* first = &shape.of_cells[direction_cell(d)];
+            blocks = {&shape.by_direction[first[0]], first[1] - first[0]};
+        }
+        point = detail::extreme_point<false>(blocks, d, flat, disc);
     }
     if (shape.has_ellipsoid) {
         const Vec3 s = shape.semi_axes;

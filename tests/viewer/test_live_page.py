@@ -1,6 +1,8 @@
 """Pages that compute, in a real browser with real keys and a real mouse, against the checker in Python."""
 
+import base64
 import json
+import zlib
 
 import numpy as np
 import pytest
@@ -91,6 +93,7 @@ def test_sliders_and_keys_move_the_joints_and_each_pose_is_checked(visit, writte
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")
     assert words.startswith("pinproof check ur5 --q '0 -1.570796 1.570796")
+    assert words.endswith("' --tcp tool0 --scene SCENE.yaml")  # never without the obstacles
 
 
 def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, ur5, checker):
@@ -120,6 +123,12 @@ def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, 
     page.evaluate(f"pinproof.model.moveTo(pinproof.model.matrixOf({far}), true)")
     assert page.text("#live-reason").startswith("Unreachable: no configuration has this pose")
     assert np.array_equal(now(page)["q"], other)
+    # a slider moves the joints, and the handle is at the tcp again
+    page.evaluate("{ const s = document.querySelector('#live input[type=range]'); s.value = 0.3;"
+                  " s.dispatchEvent(new Event('input')); }")  # fmt: skip
+    tcp = ur5.forward_kinematics(agrees(page, checker))
+    entered = page.evaluate("[...document.querySelectorAll('#live .place input')].map((e) => Number(e.value))")
+    assert np.allclose(entered[:3], 1000 * tcp.translation, atol=0.06)
 
 
 def test_an_obstacle_and_the_robot_are_moved_by_numbers(visit, written, ur5, cell, checker):
@@ -193,8 +202,23 @@ def test_without_webassembly_the_page_shows_report_and_picture(visit, pages):
     pages("without").write_text(without, encoding="utf-8")
     page = visit("without", at="#t=0.5")
     page.evaluate("pinproof.live")
-    assert page.evaluate("document.getElementById('live').hidden")
+    assert page.text("#live") == "This page does not check poses: the browser has no WebAssembly"
     assert page.text("#verdict") == "NOT VALIDATED"
+    assert page.canvas().std() > 5
+
+
+def test_a_page_with_a_damaged_module_says_so_and_shows_the_rest(visit, pages):
+    arm = small_arm()
+    write_html(pages("whole"), arm, None, swing(arm), live=True)
+    head, rest = pages("whole").read_text(encoding="utf-8").split('id="core">', 1)
+    module, rest = rest.split("<", 1)
+    other = base64.b64encode(zlib.compress(b"no module" * 1000)).decode()
+    for damaged in (module[: len(module) // 8 * 4], module[:4000] + "AAAA" + module[4004:], other):
+        pages("damaged").write_text(f'{head}id="core">{damaged}<{rest}', encoding="utf-8")
+        page = visit("damaged", at="#t=0.5")
+        page.evaluate("pinproof.live")
+        assert page.text("#live").startswith("This page does not check poses: ")
+        assert page.text("#verdict") == "NOT VALIDATED"
     assert page.canvas().std() > 5
 
 

@@ -61,7 +61,7 @@
     byId("sides").append(section);
     return new Promise((done) => {
       frame.addEventListener("load", () => {
-        frame.contentDocument.body.classList.add("half");
+        frame.contentDocument?.body.classList.add("half");
         done(/** @type {any} */ (frame.contentWindow).pinproof);
       });
       frame.srcdoc = pages[k].replace(viewer.mark, () => viewer.script);
@@ -97,9 +97,9 @@
         rows[goal].focus();
       });
     });
-    window.addEventListener("beforeprint", () => { for (const frame of document.querySelectorAll("iframe")) frame.contentWindow.dispatchEvent(new Event("beforeprint")); });
+    window.addEventListener("beforeprint", () => { for (const frame of document.querySelectorAll("iframe")) frame.contentWindow?.dispatchEvent(new Event("beforeprint")); });
     const stated = /(?:^#|&)pick=([^&]*)/.exec(location.hash);
-    let linked = stated?.[1];
+    let linked = stated?.[1] ?? "";
     try { linked = decodeURIComponent(linked); } catch { /* the name as it is */ }
     if (rows.length) choose(Math.max(names.indexOf(linked), 0));
     tick();

@@ -1,11 +1,10 @@
 // What is moved in a page that computes: poses as numbers and as text, snapping, and a handle of arrows and rings.
-/** Matrices (16, row by row) as those of three.js, and back. @param {ArrayLike<number>} rows */
+/** Matrices (16, row by row) as those of three.js, and back. @param {Iterable<number>} rows */
 const matrixOf = (rows) => new THREE.Matrix4().fromArray([...rows]).transpose();
-/** @param {THREE.Matrix4} matrix */
 const rowsOf = (matrix) => matrix.clone().transpose().toArray();
 const DEGREE = Math.PI / 180;
 
-// A pose as metres and fixed-axis angles, in mm and degrees.
+/** A pose as metres and fixed-axis angles, in mm and degrees. @param {number[]} values */
 function poseOf([x, y, z, roll, pitch, yaw]) {
   const turn = new THREE.Euler(roll * DEGREE, pitch * DEGREE, yaw * DEGREE, "ZYX");
   return new THREE.Matrix4().makeRotationFromEuler(turn).setPosition(x / 1000, y / 1000, z / 1000);
@@ -17,8 +16,9 @@ function valuesOf(matrix) {
 const isPose = (pose) => Math.abs(pose.determinant() - 1) < 1e-3 && pose.elements.every((v) => Math.abs(v) < 1e6);
 
 // --- as text, for the person who computes the certificate ---
-const plain = (name) => /^[A-Za-z_][\w.-]*$/.test(name) ? name : JSON.stringify(name);
-const quoted = (text) => /^[\w./-]+$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
+const escaped = (name) => JSON.stringify(name).replace(/[\x7f-\x9f\u2028\u2029\ufeff]/g, (c) => "\\u" + c.charCodeAt(0).toString(16).padStart(4, "0"));  // no YAML
+const plain = (name) => /^(?!(?:y|n|yes|no|on|off|true|false|null)$)[a-z_][\w.-]*$/i.test(name) ? name : escaped(name);
+const quoted = (text) => /^\w[\w./-]*$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
 const short = (v) => String(Number(v.toFixed(6)) || 0);
 const poseText = (matrix) => {
   const v = valuesOf(matrix), rpy = v.slice(3).map((x) => short(x * DEGREE));
@@ -48,7 +48,7 @@ function makeButtons(actions) {
 
 // The entries of a pose, which call `move` with what is entered, and the choices of snapping for the handle.
 function poseEntries(move) {
-  const choices = [["Positions", "mm", [1, 5, 10]], ["Angles", "\u00b0", [1, 5, 15]]].map(([what, unit, steps]) => {
+  const choices = /** @type {[string, string, number[]][]} */ ([["Positions", "mm", [1, 5, 10]], ["Angles", "\u00b0", [1, 5, 15]]]).map(([what, unit, steps]) => {
     const label = make("label", what + " "), select = make("select");
     select.id = "snap-" + what.toLowerCase();
     for (const step of [0, ...steps]) select.append(new Option(step ? "in steps of " + step + (unit === "mm" ? " mm" : unit) : "not snapped", String(step)));

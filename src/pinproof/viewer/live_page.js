@@ -3,13 +3,13 @@
 const web = settings.web;
 
 async function startLive() {
-  if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") return;
+  if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") throw new Error("the browser has no WebAssembly");
   const [core, numbers] = await Promise.all(["core", "cell"].map((id) => unpack(byId(id).textContent)));
   const model = await CellModel.load(core, new Float64Array(numbers), web.arms.length);
   let q = [...web.q];        // the configuration shown
   let trying = false;        // whether it is the user's, and not that of the motion
-  let checked = model.check(q), branches = null, branch = 0, reason = "";
-  /** What was moved: root_from_thing by name; "" is the robot. @type {Map<string, THREE.Matrix4>} */
+  let checked = /** @type {Checked} */ (model.check(q)), branches = null, branch = 0, reason = "";
+  /** What was moved: root_from_thing by name; "" is the robot. @type {Map<string, any>} */
   const moved = new Map();
   const obstacles = new Map(web.obstacles.map((thing) => [thing.name, thing]));
 
@@ -69,10 +69,10 @@ async function startLive() {
   details.append(things, ...entries.parts, say, ...buttons);
   panel.hidden = false;
 
-  const target = web.arms.map(() => /** @type {THREE.Matrix4 | null} */ (null));  // where it is not that of the tcp
+  const target = web.arms.map(() => null);  // where it is not that of the tcp
   function poseNow() {
     const [kind, ...rest] = things.value.split(" "), name = rest.join(" ");
-    if (kind === "arm") return target[Number(name)] ?? new THREE.Matrix4().fromArray([...checked.poses[web.arms[Number(name)].tcp]]);
+    if (kind === "arm") return (reason ? target[Number(name)] : null) ?? new THREE.Matrix4().fromArray([...checked.poses[web.arms[Number(name)].tcp]]);
     if (kind === "robot") return moved.get("") ?? new THREE.Matrix4();
     return moved.get(name) ?? matrixOf(obstacles.get(name).pose);
   }
@@ -115,7 +115,7 @@ async function startLive() {
       return;
     }
     const thing = obstacles.get(name), loaded = matrixOf(thing.pose), now = pose ?? loaded;
-    model.move(...thing.bodies, rowsOf(now.clone().multiply(loaded.clone().invert())));
+    model.move(thing.bodies[0], thing.bodies[1], rowsOf(now.clone().multiply(loaded.clone().invert())));
     nodeOf("scene", name).set_transform(now.toArray());
   }
 
@@ -208,7 +208,7 @@ async function startLive() {
 
   // --- the change as text, for the person who computes the certificate ---
   function asYaml() {
-    const lines = ["q: [" + q.map(short).join(", ") + "]  # " + web.joints.map(({ name }) => JSON.stringify(name).slice(1, -1)).join(", ")];
+    const lines = ["q: [" + q.map(short).join(", ") + "]  # " + web.joints.map(({ name }) => escaped(name).slice(1, -1)).join(", ")];
     for (const [name, pose] of moved) {
       if (name === "") lines.push("base: {" + poseText(pose) + "}  # world_from_robot");
       else lines.push("- {name: " + plain(name) + ", " + poseText(pose) + "}  # obstacles");
@@ -216,13 +216,17 @@ async function startLive() {
     return lines.join("\n");
   }
   function asCommand() {
-    const note = moved.size ? "  # after the change of the scene" : "";
-    return "pinproof check " + quoted(web.robot) + " --q '" + q.map(short).join(" ") + "'" + note;
+    // Files that the page does not know have names that do not exist, so that nothing is left out unnoticed.
+    const files = (web.obstacles.length ? " --scene SCENE.yaml" : "") + (web.attached.length ? " --attached ATTACHED.yaml" : "");
+    const tcp = web.arms.length === 1 ? " --tcp " + quoted(web.frames[web.arms[0].tcp]) : "", margin = web.margin > 0 ? " --margin " + web.margin : "";
+    return "pinproof check " + quoted(web.robot) + " --q '" + q.map(short).join(" ") + "'" + tcp + margin + files + (moved.size ? "  # with the scene as changed" : "");
   }
 
   refresh();
   window.pinproof.model = { model, moveTo, tryPose, displace, matrixOf, now: () => ({ q, checked, trying, reason, branches, moved }) };
 }
-// Without WebAssembly the page shows what it was written with.
-window.pinproof.live = web ? startLive().catch((error) => { byId("live").hidden = true; console.info("pinproof: this page does not compute: " + error); })
-  : Promise.resolve();
+// Without WebAssembly, or if the module is damaged, the page shows what it was written with.
+window.pinproof.live = web ? startLive().catch((error) => {
+  byId("live").replaceChildren(make("p", "This page does not check poses: " + (error.message || error), "state"));
+  byId("live").hidden = false;
+}) : Promise.resolve();

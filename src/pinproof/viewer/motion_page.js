@@ -41,7 +41,7 @@ for (const [node, name, below] of settings.frames.names) {
 }
 
 function label(text, size, below) {
-  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = `600 40px ${settings.theme.font}`;
+  const canvas = document.createElement("canvas"), pen = /** @type {any} */ (canvas.getContext("2d")), font = `600 40px ${settings.theme.font}`;
   pen.font = font;
   canvas.width = Math.ceil(pen.measureText(text).width) + 24;
   canvas.height = 56;

@@ -106,7 +106,7 @@ viewer.set_3d_pane_size();
 const animator = viewer.animator;
 const play = byId("play"), scrub = byId("scrub"), clock = byId("clock");
 let duration = 0;
-let parameter = null;  // of a self-motion: the slider shows its value instead of a time
+let parameter = /** @type {any} */ (null);  // of a self-motion: the slider shows its value instead of a time
 
 function seek(t) {
   if (animator.actions.length === 0) return;
@@ -126,7 +126,7 @@ function fromAddress() {
 // The row of #pick=NAME in the address, -1 without one.
 function rowInAddress() {
   const stated = /(?:^#|&)pick=([^&]*)/.exec(location.hash);
-  let name = stated?.[1];
+  let name = stated?.[1] ?? "";
   try { name = decodeURIComponent(name); } catch { /* the name as it is */ }
   return stated ? (settings.picks ?? []).findIndex((pick) => pick.name === name) : -1;
 }
@@ -228,7 +228,7 @@ heads.forEach((head, column) => {
     /** @type {any[]} */
     const keys = rows.map((row) => row.cells[column].textContent).map((text) => numeric ? parseFloat(text) : text);
     const empty = (key) => key === "" || Number.isNaN(key);  // missing values come last in either order
-    order = [...rows.keys()].sort((a, b) => empty(keys[a]) - empty(keys[b]) || (empty(keys[a]) ? 0 : (down ? -1 : 1)
+    order = [...rows.keys()].sort((a, b) => Number(empty(keys[a])) - Number(empty(keys[b])) || (empty(keys[a]) ? 0 : (down ? -1 : 1)
       * (numeric ? keys[a] - keys[b] : keys[a].localeCompare(keys[b], undefined, { numeric: true }))) || a - b);
     for (const other of heads) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", down ? "descending" : "ascending");

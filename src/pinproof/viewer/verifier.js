@@ -278,7 +278,7 @@ const ProofVerifier = (() => {
         for (const p of control) p.forEach((x, j) => { low[j] = Math.min(low[j], x); high[j] = Math.max(high[j], x); });
       }
       const q = low.map((x, j) => (x + high[j]) / 2), half = q.map((x, j) => above(Math.max(high[j] - x, x - low[j]) + e));  // q is exact by definition
-      Object.assign(this, { proof });
+      this.proof = proof;
       this.single = first === last;
       this.theta = control.map((p) => p.map((x, j) => rounded(x - q[j], e)));
       this.placed = new Map();
@@ -468,7 +468,7 @@ const ProofVerifier = (() => {
       if (m * n > 2 ** 24 || ends.length * spans.length > 2 ** 31) refuse(where + ".parts", "are too many");
       // How many rectangles begin or end at each corner of a cell, and from their sums, how many contain it
       const at = lines.map((line) => new Map(line.map((value, c) => [value, c]))), number = new Int32Array((m + 1) * (n + 1));
-      for (const [a, b] of valid) for (const [i, j] of [[0, 0], [0, 1], [1, 0], [1, 1]]) number[(at[0].get(a[i]) + 1) * (n + 1) + at[1].get(b[j]) + 1] += i === j ? 1 : -1;
+      for (const [a, b] of valid) for (const [i, j] of [[0, 0], [0, 1], [1, 0], [1, 1]]) number[(Number(at[0].get(a[i])) + 1) * (n + 1) + Number(at[1].get(b[j])) + 1] += i === j ? 1 : -1;
       for (let i = 1; i < m; i++) for (let j = 1; j < n; j++) {
         const here = i * (n + 1) + j, before = here - n - 1;
         if ((number[here] += number[before] + number[here - 1] - number[before - 1]) < 1) refuse(where + ".parts", `leave out the triangles ${lines[0][i - 1]} and ${lines[1][j - 1]} at the parameter ${begin}`);

@@ -17,9 +17,10 @@ import numpy as np
 
 from pinproof._core import cell_block
 from pinproof.collision import CollisionChecker, certify
+from pinproof.description import catalogue_names, find_robot
 from pinproof.errors import InputError, PinproofError
 from pinproof.ik import web_arm
-from pinproof.model import Arm
+from pinproof.model import Arm, Robot
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array, matrix
 from pinproof.viewer.panels import MOST_BYTES
@@ -62,12 +63,13 @@ class WebCell:
         for number, body in enumerate(checker.bodies[own:]):
             obstacles.setdefault(body.owner, [number, 0])[1] = number + 1
         lower, upper = group.limits.sampling_range()
+        limited = (np.isfinite(group.limits.lower) & np.isfinite(group.limits.upper)).tolist()
         poses = {thing.name: matrix(thing.pose) for thing in checker.scene.obstacles}
         settings = {
             "joints": [
-                {"name": name, "lower": low, "upper": high, "unit": "rad" if angular else "m"}
-                for name, low, high, angular in zip(
-                    group.joint_names, lower.tolist(), upper.tolist(), group.angular.tolist(), strict=True
+                {"name": name, "lower": low, "upper": high, "limited": limited, "unit": "rad" if angular else "m"}
+                for name, low, high, limited, angular in zip(
+                    group.joint_names, lower.tolist(), upper.tolist(), limited, group.angular.tolist(), strict=True
                 )
             ],
             "q": (group.home if q is None else q).tolist(),
@@ -82,7 +84,8 @@ class WebCell:
                 for name, numbers in obstacles.items()
             ],
             "margin": checker.margin,
-            "robot": group.robot.name,
+            "robot": _word_for(group.robot),
+            "attached": [thing.name for thing in checker.attached],
         }
         return cls(block, settings, frames)
 
@@ -91,6 +94,15 @@ class WebCell:
         """The module and the block in base64, compressed, for the elements of a page with these identifiers."""
         numbers = self.block.astype("<f8").tobytes()
         return {"core": _module(), "cell": b64encode(zlib.compress(numbers, 9)).decode("ascii")}
+
+
+def _word_for(robot: Robot) -> str:
+    """The name of a robot of the catalogue, or of the file of another one, for a command."""
+    file = robot.urdf.path
+    for name in (robot.name, *([] if file is None else [file.stem])):
+        if name in catalogue_names() and find_robot(name).urdf == file:
+            return name
+    return robot.name if file is None else file.name
 
 
 @cache

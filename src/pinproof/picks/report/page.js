@@ -42,7 +42,7 @@ function choose(k) {
   chosen = k;
   select([k]);
   byId("chosen").value = String(k);
-  byId("caption").replaceChildren(captions[k].content.cloneNode(true));
+  byId("caption").replaceChildren(/** @type {any} */ (captions[k]).content.cloneNode(true));
   pose(motions[k]);
   drawArrows();
 }

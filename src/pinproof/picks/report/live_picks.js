@@ -368,8 +368,7 @@ function offerPicks() {
       + (shifts.size ? "  # after the change of the files" : "");
   }
   const withdraw = (error) => {
-    panel.hidden = true;
-    console.info("pinproof: this page does not compute: " + error);
+    panel.replaceChildren(make("p", "This page does not judge picks again: " + (error.message || error), "state"));
   };
   const now = () => ({ row, q, showing, judged, shifts, base: rowsOf(base), contacts: checked?.contacts ?? [], loaded: cells.length,
     verdicts: verdicts.map((found) => found && { stage: STAGES[found.passed] ?? null, reason: found.reason, count: found.count }) });

@@ -174,6 +174,9 @@ def test_blends_that_may_overlap_are_not_free() -> None:
     too_large = certify_program(program(1.1 * half), checker)
     assert too_large.status is pp.CertificateStatus.UNDECIDED
     assert too_large.overlaps == (program(1.1 * half).moves[2].line,)
+    with pytest.raises(pp.NoAnswer) as failed:
+        too_large.or_raise()
+    assert failed.value.result is too_large
 
 
 @pytest.mark.parametrize("forwards", [True, False])

@@ -22,7 +22,7 @@ from pinproof.collision.certificates.program_limits import (
 from pinproof.collision.certificates.program_moves import moves_between_rests
 from pinproof.collision.certificates.program_parts import executed_parts, traced
 from pinproof.collision.checking.checker import CollisionChecker
-from pinproof.common.results import Rows, Shown, View
+from pinproof.common.results import Answer, Rows, View
 from pinproof.common.structs import described, key
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
@@ -66,8 +66,10 @@ class ProgramPart:
 
 
 @described(eq=False)
-class ProgramCertificate(Shown):
+class ProgramCertificate(Answer):
     """The certificates of all parts of a program; collision-free only if every part is."""
+
+    failure = NotProvenFree
 
     parts: tuple[ProgramPart, ...] = key("the parts in the order of execution")
     notes: tuple[str, ...] = key("what the certificate assumes about the controller, and what it does not cover")
@@ -106,6 +108,8 @@ class ProgramCertificate(Shown):
     def free(self) -> bool:
         """Whether every part is proven collision-free."""
         return self.status is CertificateStatus.FREE
+
+    ok = free
 
     @property
     def status(self) -> CertificateStatus:
@@ -154,12 +158,6 @@ class ProgramCertificate(Shown):
                 "controller may skip a point, is at the first point, or no move follows it; reduce or remove it"
             )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
-
-    def or_raise(self) -> ProgramCertificate:
-        """Return the certificate if it is FREE, otherwise raise NotProvenFree."""
-        if not self.free:
-            raise NotProvenFree(self.message)
-        return self
 
     def __str__(self) -> str:
         return self.message

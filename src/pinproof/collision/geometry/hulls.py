@@ -342,7 +342,8 @@ class Surface:
 
 def box_of(corners: Array) -> Array:
     """(2, 3) the least and the greatest coordinates of triangles (F, 3, 3)."""
-    return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+    sides = corners.reshape(-1, 3).T  # NumPy takes a third of the time for each coordinate by itself
+    return np.array([[x.min() for x in sides], [x.max() for x in sides]])
 
 
 def winding_number(point: Array, corners: Array) -> float:

@@ -122,6 +122,26 @@ def test_the_cover_of_a_blend_contains_curves_of_joints_and_of_the_tcp_in_its_zo
     assert count > 90
 
 
+def test_joint_moves_on_one_line_are_blended_on_it_and_others_are_not() -> None:
+    """At any shares of both moves, also with the rounding of a text; a corner of 1 mrad is one."""
+    arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(11)
+    along = 0.4 * rng.normal(size=6)
+    for beside, narrow in ((0.0, True), (2e-5, True), (1e-3, False)):
+        middle = BENT + beside * np.eye(6)[1]
+        into = pp.JointPath([BENT - along, middle], arm.joint_names)
+        out = pp.JointPath([middle, BENT + 0.2 * along], arm.joint_names)
+        cover, tolerance = blend_cover(Blend(share=0.5), arm, into, out)
+        assert bool(tolerance.max() < 1e-4) is narrow
+        rows = np.concatenate([a + np.linspace(0.0, 1.0, 2001)[:, None] * (b - a) for a, b in pairwise(cover.q)])
+        for left, gone in rng.uniform(0.0, 0.5, (40, 2)):
+            q = into.end + left * (into.start - into.end) + gone * (out.end - out.start)
+            assert (np.abs(rows - q) / (tolerance + 2e-4)).max(axis=1).min() <= 1.0
+    # One that turns back is no continuation
+    back = pp.JointPath([BENT, BENT - 0.5 * along], arm.joint_names)
+    tolerance = blend_cover(Blend(share=0.5), arm, pp.JointPath([BENT - along, BENT], arm.joint_names), back)[1]
+    assert tolerance.max() > 1e-3
+
+
 @pytest.mark.parametrize("dialect", MOVING)
 def test_blends_of_every_common_form_are_free_when_sampled(cell: Cell, dialect: str) -> None:
     checker, _ = cell

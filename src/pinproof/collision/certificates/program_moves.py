@@ -59,6 +59,12 @@ FOR_MOVE = 0.01
 TANGENTS = (0.25, 0.5, 1.0, 2.0)
 """Points on the tangent of the end of a linear move, in lengths of this move."""
 
+DIVIDED = 1.05
+"""Duration of moves, in that which is enough, above which joint moves are divided."""
+
+NEAR_ENDS = (0.4, 0.2, 0.1, 0.05)
+"""Shares of a joint move at its ends at which it is divided, so that zones that are shares of moves are smaller."""
+
 ON_LINE = 0.004
 """rad: by how much a motion may be off the joint values of a linear move that replaces it."""
 
@@ -243,6 +249,24 @@ class _MovesSearch:
                 for number in range(len(points) - tangents, len(points)):
                     yield choice._replace(points=(*inner[:k], tuple(points[number].tolist()), *inner[k:]))
 
+    def divided(self, choice: _Choice, blends: Sequence[Blend | None]) -> Iterator[_Choice]:
+        """Choices in which a joint move is divided before or behind a stop, because the zones are shares of moves.
+
+        Only half of the longest line is in such a zone.
+        """
+        for base in dict.fromkeys((choice, self.with_lines(choice, 0, 0))):
+            points = [np.array(point) for point in base.points]
+            for corner in (k for k, blend in enumerate(blends[:-1]) if blend is None):
+                end = corner + 1 - bool(self._leaving)  # the number of the point at which the arm stops
+                for share in NEAR_ENDS:
+                    for before, behind in ((True, False), (False, True), (True, True)):
+                        rows = list(points)
+                        if behind and end + 1 < len(points):
+                            rows.insert(end + 1, points[end] + share * (points[end + 1] - points[end]))
+                        if before and end > 0:
+                            rows.insert(end, points[end] + share * (points[end - 1] - points[end]))
+                        yield base._replace(points=tuple(tuple(row.tolist()) for row in rows))
+
     def moved(self, choice: _Choice, width: float, rng: np.random.Generator) -> Iterator[_Choice]:
         """Choices with other corners, by random changes (rad) of some joints."""
         inner, limits = np.array(choice.points[1:-1]), self._arm.limits
@@ -328,6 +352,12 @@ def blended_moves(
                 break
         if width < LEAST_WIDTH:
             break
+    better: tuple[BlendedMoves, _Choice] | None = (best, choice)
+    while language.zones[0].radius is None and better and best.motion.duration > DIVIDED * enough:
+        made = [(search.made(each), each) for each in dict.fromkeys(search.divided(choice, best.blends))]
+        options = [(moves, each) for moves, each in made if moves is not None and cost(moves) < cost(best) - SAVED]
+        better = min(options, key=lambda option: cost(option[0]), default=None)
+        best, choice = better or (best, choice)
     return best
 
 

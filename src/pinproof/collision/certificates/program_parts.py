@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.certificates.linear_traces import LineTrace, levers, solve_poses, trace_line
+from pinproof.collision.certificates.linear_traces import ROUNDED, LineTrace, levers, solve_poses, trace_line
 from pinproof.model import Arm
 from pinproof.motion import (
     Blend,
@@ -44,6 +44,9 @@ ROWS = 4
 
 OTHER_CURVES, CARTESIAN = 0.1, 1.5
 """Shares of the extent of a blend, and of the difference between superpositions, by which its surface is widened."""
+
+ONE_LINE = 5e-5
+"""rad: by how much the point of a blend may be beside the line between its ends if both moves are on one line."""
 
 SUPERPOSED = ((0.25, 0.75), (0.5, 0.5), (0.75, 0.25), (0.25, 0.25))
 """Shares of the two sides of a blend at which superpositions of joint values and of poses are compared."""
@@ -218,6 +221,12 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
     for side in (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False)):
         sides.append(side.points[: int(np.ceil(side.shares(blend)[0] * (len(side.points) - 1) - 1e-9)) + 1] - point)
     extent = np.abs(np.concatenate(sides)).max(axis=0)
+    if len(into.q) == len(out.q) == 2:  # on one line, wherever the joint values are superposed
+        ends = point + np.stack([sides[0][-1], sides[1][-1]])
+        lengths = np.linalg.norm(ends - point, axis=1)
+        beside = np.abs(lengths[::-1] @ ends / max(float(lengths.sum()), 1e-12) - point).max()
+        if beside <= ONE_LINE:
+            return JointPath(ends, into.joint_names), np.full(len(point), 2.0 * beside + ROUNDED)
     one, other = sorted(sides, key=lambda side: float(np.abs(side).max()))
     # Rows along the larger side, at some changes of the smaller one
     at, along = (np.linspace(0, len(side) - 1, ROWS + 1).round().astype(int) for side in (one, other))

@@ -37,6 +37,7 @@ public:
     // Take samples in another world of these bodies, usually one with larger margins. `blocked`: its pairs that no joint moves are in
     // contact, so that no edge is free.
     void set_steering(std::shared_ptr<const World> world, bool blocked);
+    double resolution() const { return resolution_; }
     void set_resolution(double resolution) { resolution_ = resolution; }
     // Only samples at which the torques that hold the arm at rest are within `limits` (dof; infinite for none) are free.
     // Proofs do not cover torques.

@@ -3,24 +3,22 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace pinproof {
 namespace {
 
-// Fraction of the path length (Euclidean). A change that saves less does not justify its proof.
-constexpr double kMinGain = 1e-3;
+// Fraction of the path length (Euclidean). A change that saves less does not justify its checks.
+constexpr double kMinGain = 2e-3;
+
+// Smallest square that is divided by.
+constexpr double kTiny = std::numeric_limits<double>::min();
 
 // Number of consecutive random shortcuts without gain after which no more are tried.
-constexpr int kPatience = 12;
+constexpr int kPatience = 8;
 
-// Maximum number of passes in which waypoints are moved.
-constexpr int kMaxPasses = 5;
-
-// Minimum distance of a moved waypoint from its neighbours, as a fraction of their distance; it avoids tiny edges.
-constexpr double kEndDistance = 0.1;
-
-// A waypoint is left in place if it cannot be moved by this fraction of its distance to the straight line.
-constexpr double kMinShare = 0.2;
+// Number of passes over the waypoints before and after the random shortcuts.
+constexpr int kPasses = 2;
 
 double distance(const std::vector<double>& a, const std::vector<double>& b) {
     return std::sqrt(squared_distance(a.data(), b.data(), a.size()));
@@ -57,10 +55,9 @@ class PathShortener {
     void run(std::span<const double> draws) {
         connect_farthest();
         if (draws.empty()) return;
+        move_waypoints();
         random_shortcuts(draws);
-        remove_waypoints();
-        straighten();
-        remove_waypoints();
+        move_waypoints();
     }
 
     // Whether every edge that is not one of the given path is proven free.
@@ -83,18 +80,6 @@ class PathShortener {
                 }
     }
 
-    // Remove each waypoint for which the edge between its neighbours is free.
-    void remove_waypoints() {
-        for (std::size_t i = 1; i + 1 < path_.size();) {
-            if (free(path_[i - 1], path_[i + 1])) {
-                path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
-                i = std::max<std::size_t>(i - 1, 1);  // The previous waypoint has a new neighbour.
-            } else {
-                ++i;
-            }
-        }
-    }
-
     // Connect random points of different edges; `draws` are two numbers in [0, 1) for each attempt. Ends after some
     // attempts in a row without gain.
     void random_shortcuts(std::span<const double> draws) {
@@ -103,17 +88,23 @@ class PathShortener {
             failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
     }
 
-    // Move each waypoint towards the straight line between its neighbours, by a share that is halved on failure.
-    void straighten() {
-        std::vector<double> shares(path_.size(), 1.0);
-        const double min_gain = kMinGain * lengths_along(path_).back();
-        for (int pass = 0; pass < kMaxPasses; ++pass) {
-            bool changed = false;
+    // Remove each waypoint for which the edge between its neighbours is free, and move the joints of the others towards
+    // that edge. A waypoint is tried again if it or a neighbour has moved.
+    void move_waypoints() {
+        std::vector<char> moved(path_.size(), 1);
+        for (int pass = 0; pass < kPasses; ++pass) {
+            std::vector<char> before = std::exchange(moved, std::vector<char>(path_.size(), 0));
             for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
-                if (shares[i] < kMinShare) continue;
-                changed = move_waypoint(i, shares[i], min_gain) || changed;
+                if (!(before[i - 1] || before[i] || before[i + 1] || moved[i - 1])) continue;
+                if (free(path_[i - 1], path_[i + 1])) {
+                    for (auto* flags : {&before, &moved}) flags->erase(flags->begin() + static_cast<std::ptrdiff_t>(i));
+                    path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
+                    before[i - 1] = 1;  // It has a new neighbour.
+                    i = std::max<std::size_t>(i, 2) - 2;
+                } else {
+                    moved[i] = move_joints(i);
+                }
             }
-            if (!changed) break;
         }
     }
 
@@ -152,26 +143,40 @@ class PathShortener {
         return true;
     }
 
-    // Whether the waypoint was moved, or can be tried again with a smaller share.
-    bool move_waypoint(std::size_t i, double& share, double min_gain) {
-        const Waypoint &before = path_[i - 1], &here = path_[i], &after = path_[i + 1];
+    // Move single joints of a waypoint to the straight line between its neighbours, or half as far, in the order of
+    // the length that they save. Where the line is blocked, few of the joints are the reason. Returns whether one moved.
+    bool move_joints(std::size_t i) {
+        const Waypoint &before = path_[i - 1], &after = path_[i + 1];
+        Waypoint& here = path_[i];
         double product = 0.0, square = 0.0;
         for (std::size_t j = 0; j < here.size(); ++j) {
             product += (here[j] - before[j]) * (after[j] - before[j]);
             square += (after[j] - before[j]) * (after[j] - before[j]);
         }
-        const double along = product / std::max(square, std::numeric_limits<double>::min());
-        const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
-        const Waypoint moved = between(here, foot, share);
-        const double gain =
-            distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
-        if (gain <= min_gain) return false;
-        if (free(before, moved) && free(moved, after)) {
-            path_[i] = moved;
-            return true;
-        }
-        share /= 2.0;
-        return share >= kMinShare;
+        const Waypoint foot = between(before, after, std::clamp(product / std::max(square, kTiny), 0.0, 1.0));
+        const auto moved_joint = [&](std::size_t j, double share) {
+            Waypoint q = here;
+            q[j] += (foot[j] - q[j]) * share;
+            return q;
+        };
+        const auto gain = [&](const Waypoint& q) {
+            return distance(before, here) + distance(here, after) - distance(before, q) - distance(q, after);
+        };
+        std::vector<std::pair<double, std::size_t>> order;
+        for (std::size_t j = 0; j < here.size(); ++j) order.emplace_back(-gain(moved_joint(j, 1.0)), j);
+        std::ranges::sort(order);
+        const double min_gain = kMinGain * lengths_along(path_).back();
+        bool moved = false;
+        for (const auto& [_, j] : order)
+            for (const double share : {1.0, 0.5}) {
+                Waypoint q = moved_joint(j, share);
+                if (gain(q) <= min_gain) break;
+                if (!free(before, q) || !free(q, after)) continue;
+                here = std::move(q);
+                moved = true;
+                break;
+            }
+        return moved;
     }
 
     EdgeChecker& edges_;
@@ -182,9 +187,15 @@ class PathShortener {
 }  // namespace
 
 std::vector<double> shortened_path(EdgeChecker& edges, std::span<const double> path, std::span<const double> draws) {
-    PathShortener quick(edges, path, false);
-    quick.run(draws);
-    if (quick.added_edges_proven()) return quick.path();
+    const double resolution = edges.resolution();
+    for (const double tried : {resolution, resolution / 2}) {
+        edges.set_resolution(tried);
+        PathShortener quick(edges, path, false);
+        quick.run(draws);
+        const bool proven = quick.added_edges_proven();
+        edges.set_resolution(resolution);
+        if (proven) return quick.path();
+    }
     PathShortener proven(edges, path, true);
     proven.run(draws);
     return proven.path();

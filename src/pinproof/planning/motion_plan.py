@@ -23,7 +23,7 @@ from pinproof.planning.planners import CertifiedPlanner, Planner, planner_of
 from pinproof.planning.problem import MAX_GOALS, find_barriers, read_ends, with_turns
 from pinproof.planning.replanning import Replan, replan
 from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.simplification import SimplifyResult, simplify
+from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
 from pinproof.spatial import Array
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ def plan(
 
     A pose becomes its IK solutions, by the closed form if the arm has one. The planner connects the start with one of
     them, its path is shortened and rounded, and :func:`optimise` makes a timed motion of it, which may end at another
-    one of the goals. The motion is certified.
+    one of the goals. The motion is certified. Of :class:`pinproof.RrtConnect`, the shorter one of two paths is used.
 
     Parameters
     ----------
@@ -241,9 +241,15 @@ def plan(
     if not planned.ok:
         return result
     # A shorter and rounded one; the checker has finer bodies if an end is in collision only with coarse ones
-    checker = planned.checker
-    simplified = simplify(planned.path, checker, rng=rng, blend=blend, **task)
-    result = result.changed(simplified=simplified)
+    checker, path = planned.checker, planned.path
+    if isinstance(search, RrtConnect) and not constraints and len(path) > 2:
+        # A second search may pass obstacles on another side; it has twice the work of the first
+        other = search.limited_to(2 * planned.nodes).plan(checker, first, goals.q[tried], **task, rng=rng + 1)
+        found = [planned, other] if other.ok else [planned]
+        short = [shortcut(each.path, checker, rng=rng, torque_limits=task["torque_limits"]) for each in found]
+        path, planned = min(zip(short, found, strict=True), key=lambda pair: pair[0].length)
+    simplified = simplify(path, checker, rng=rng, blend=blend, **task)
+    result = result.changed(planned=planned, simplified=simplified)
     # A motion, which may end at another goal
     many = goals.q if len(goals.q) > 1 else None
     try:

@@ -9,7 +9,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision import Box, CollisionChecker, Obstacle, Scene
-from pinproof.spatial import pose
+from pinproof.description import robots_folder
+from pinproof.spatial import matrix, pose, xyz_rpy
 from pinproof.viewer import write_html
 
 from .conftest import certified, small_arm, swing, turn
@@ -153,6 +154,67 @@ def test_an_obstacle_and_the_robot_are_moved_by_numbers(visit, written, ur5, cel
     page.evaluate(f"{{ {enter.format(5, 90)} }}")
     turned = pose(rpy=(0, 0, -np.pi / 2))
     agrees(page, checker.with_scene(Scene([Obstacle(t.name, t.shape, turned * t.pose) for t in cell.obstacles])))
+
+
+def test_a_part_in_the_hand_is_checked_and_figures_are_shown_at_every_change(visit, pages, ur5, cell):
+    part = Obstacle("part", Box(0.06, 0.06, 0.3), pose(xyz=(0.0, 0.0, 0.15)))
+    write_html(pages("held"), ur5, cell, attached=[part])
+    checker = CollisionChecker(ur5, cell, attached=[part])
+    bare = CollisionChecker(ur5, cell)
+    target = pose(xyz=(0.45, -0.25, 0.25), rpy=(np.pi, 0.0, 0.0))
+    q = next(q for q in pp.AnalyticIk().solve_all(ur5, target, ur5.home).branches if bare.is_free(q))
+    page = opened(visit, "held", 1000, 700)
+    page.evaluate(f"pinproof.model.tryPose({q.tolist()})")
+    agrees(page, checker)
+    assert page.text("#live-pair") == "part is in contact with table"
+    volume = ur5.manipulability_batch(q[None])[0]
+    margins = np.minimum(q - ur5.limits.lower, ur5.limits.upper - q)
+    joint = ur5.joint_names[int(margins.argmin())]
+    figures = page.text("#live-figures")
+    assert figures == f"Nearest limit: {joint}, {np.degrees(margins.min()):.1f}\u00b0. Manipulability: {volume:.3g}"
+    page.evaluate(f"pinproof.model.tryPose({[7.0, *q[1:].tolist()]})")
+    assert f"Outside its limits: {ur5.joint_names[0]}" in page.text("#live-figures")
+
+
+def test_both_arms_of_a_cell_have_sliders_and_targets(visit, pages):
+    picks = pp.read_picks(robots_folder() / "two_ur5" / "picks.yaml")
+    group, scene = picks.load_cell(), picks.load_scene()
+    checker = CollisionChecker(group, scene)
+    write_html(pages("two"), group, scene, checker=checker, live=True)
+    page = opened(visit, "two", 1000, 700)
+    labels = page.evaluate("[...document.querySelectorAll('#live input[type=range]')].map((one) => one.ariaLabel)")
+    assert tuple(labels) == group.joint_names
+    first, second = group.arms
+    q = agrees(page, checker)
+    # The second arm's target is moved; the first arm stays
+    page.evaluate(
+        "{ const s = document.getElementById('live-thing'); s.value = 'arm 1'; s.dispatchEvent(new Event('change')); }"
+    )
+    enter = "{ const e = document.querySelectorAll('#live .place input')[2]; e.value = Number(e.value) + 50;"
+    page.evaluate(enter + " e.dispatchEvent(new Event('change')); }")
+    moved = agrees(page, checker)
+    own = group.indices(second)
+    assert np.array_equal(moved[group.indices(first)], q[group.indices(first)])
+    arm = group.arms[second]
+    lifted = (arm.root_from_base * arm.forward_kinematics(moved[own])).translation
+    start = (arm.root_from_base * arm.forward_kinematics(q[own])).translation
+    assert np.allclose(lifted - start, [0.0, 0.0, 0.05], atol=1e-4)
+
+
+def test_the_target_is_turned_in_steps_and_by_numbers(visit, written, ur5, checker):
+    page = opened(visit, written, 1000, 700)
+    page.evaluate("document.getElementById('snap-angles').value = '15'")
+    page.evaluate("document.getElementById('snap-positions').value = '5'")
+    before = ur5.forward_kinematics(ur5.home)
+    turned = json.dumps(matrix(pose(xyz=before.translation + 0.0123, rpy=(-1.4, 0.2, -1.5))).ravel().tolist())
+    page.evaluate(f"pinproof.model.moveTo(pinproof.model.matrixOf({turned}))")
+    after = ur5.forward_kinematics(agrees(page, checker))
+    assert np.allclose(np.degrees(xyz_rpy(after)[3:]), [-75.0, 15.0, -90.0], atol=1e-3)
+    assert np.allclose(after.translation, 0.005 * np.round((before.translation + 0.0123) / 0.005), atol=1e-6)
+    enter = "{ const e = document.querySelectorAll('#live .place input')[5]; e.value = -80;"
+    page.evaluate(enter + " e.dispatchEvent(new Event('change')); }")
+    after = ur5.forward_kinematics(agrees(page, checker))
+    assert np.allclose(np.degrees(xyz_rpy(after)[3:]), [-75.0, 15.0, -80.0], atol=1e-3)
 
 
 def test_a_page_of_a_motion_states_what_is_proven_and_follows_it(visit, pages, ur5, cell):

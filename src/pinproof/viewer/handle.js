@@ -20,9 +20,9 @@ const escaped = (name) => JSON.stringify(name).replace(/[\x7f-\x9f\u2028\u2029\u
 const plain = (name) => /^(?!(?:y|n|yes|no|on|off|true|false|null)$)[a-z_][\w.-]*$/i.test(name) ? name : escaped(name);
 const quoted = (text) => /^\w[\w./-]*$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
 const short = (v) => String(Number(v.toFixed(6)) || 0);
-const poseText = (matrix) => {
+const poseText = (matrix, full = false) => {
   const v = valuesOf(matrix), rpy = v.slice(3).map((x) => short(x * DEGREE));
-  return "xyz: [" + v.slice(0, 3).map((x) => short(x / 1000)).join(", ") + "]" + (rpy.every((x) => x === "0") ? "" : ", rpy: [" + rpy.join(", ") + "]");
+  return "xyz: [" + v.slice(0, 3).map((x) => short(x / 1000)).join(", ") + "]" + (!full && rpy.every((x) => x === "0") ? "" : ", rpy: [" + rpy.join(", ") + "]");
 };
 
 const numberField = (label, value, step) => Object.assign(make("input"), { type: "number", step, value, ariaLabel: label });

@@ -622,7 +622,7 @@ class SequenceResult(Answer, Saved, Written):
             lanes=[name for name in PHASES if name not in (*CHANGE, UNWIND) or name in self.by_phase],
             acceleration_source=self.acceleration_source,
             heat_map=heat_map,
-            setup=setup,
+            setup=setup if free == "FREE" else None,
             live=live,
         )
 

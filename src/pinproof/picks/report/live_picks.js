@@ -143,7 +143,7 @@ function offerPicks() {
 
   function judge(k) {
     let best = null;
-    if (!again.rows[k]) return null;
+    if (!again.rows[k] || (again.rows[k].onRobot && !base.equals(new THREE.Matrix4()))) return null;  // it would move with the base
     for (const { cell, members } of groupsOf(k)) {
       const found = { ...judgeGroup(cell, again.rows[k].object, members), cell };
       if (!best || found.passed > best.passed) best = found;
@@ -346,20 +346,16 @@ function offerPicks() {
   things.addEventListener("change", refresh);
 
   // --- the change as text ---
-  const fullPose = (matrix) => {
-    const [x, y, z, ...angles] = valuesOf(matrix);
-    return "xyz: [" + [x, y, z].map((v) => short(v / 1000)).join(", ") + "], rpy: [" + angles.map((v) => short(v * DEGREE)).join(", ") + "]";
-  };
   function asYaml() {
     const lines = [];
     for (const [k, shift] of shifts) {
       const { name, object, frame, frameAt, grasps, stated } = again.rows[k], thing = obstacles.get(object);
       const at = frame && frame === object ? shift.clone().multiply(matrixOf(frameAt)) : matrixOf(frameAt);
       const pose = at.invert().multiply(shift).multiply(matrixOf(grasps[0].pose));
-      if (stated) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + fullPose(pose) + "}  # picks; other keys as before");
-      if (thing) lines.push("- {name: " + plain(object) + ", " + fullPose(shift.clone().multiply(matrixOf(thing.pose))) + "}  # obstacles of the scene");
+      if (stated) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks; other keys as before");
+      if (thing) lines.push("- {name: " + plain(object) + ", " + poseText(shift.clone().multiply(matrixOf(thing.pose)), true) + "}  # obstacles of the scene");
     }
-    if (!base.equals(new THREE.Matrix4())) lines.push("base: {" + fullPose(base) + "}  # from the base of this page");
+    if (!base.equals(new THREE.Matrix4())) lines.push("base: {" + poseText(base, true) + "}  # from the base of this page");
     return lines.join("\n") || "# nothing was moved";
   }
   function asCommand() {

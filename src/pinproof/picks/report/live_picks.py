@@ -20,9 +20,6 @@ from pinproof.spatial import SE3, Array, matrix
 STARTS = 24
 """Starts of the search of a page for a configuration at a pose, if the arm has no closed form."""
 
-MOST_GRASPS = 5000
-"""Largest number of grasps of all picks with which a page computes by default."""
-
 
 class LivePicks(NamedTuple):
     """The settings, the texts and the scripts that a page has in addition; empty if it does not compute."""
@@ -53,7 +50,7 @@ class LivePicks(NamedTuple):
         if wanted is False or (wanted is None and (setup is None or setup.shared.conveyor is not None)):
             return nothing
         if setup is None:
-            raise InputError("picks can only be judged again in a page with the setup in which they were judged")
+            raise InputError("a page can only judge proven picks again, in the setup in which they were judged")
         setup.shared.refuse_conveyor("judging in a page")
         cells: dict[Hashable, PickCell] = {}
         families: dict[Hashable, int] = {}
@@ -89,13 +86,13 @@ class LivePicks(NamedTuple):
                     "name": pick.name,
                     "frame": pick.frame,
                     "frameAt": _rows(tasks[0].root_from(pick.frame)),
+                    "onRobot": _ends(setup, pick.frame) in setup.checker.arm.robot.urdf.links,
                     "object": tasks[0].name if tasks[0].from_scene else None,
                     "stated": not pick.by_part,
                     "grasps": grasps,
                 }
             )
-        total = sum(len(row["grasps"]) * len(described[0]["groups"]) for row in rows if row)
-        if not cells or (wanted is None and total > MOST_GRASPS):
+        if not cells:
             return nothing
         # The cell of each hand, with the meshes of links where there is room for them
         drawn = tuple(link.name for link in links if link.name in setup.checker.arm.robot.urdf.links)
@@ -126,6 +123,13 @@ class LivePicks(NamedTuple):
             return nothing
         scripts = [viewer.panels.part(name) for name in viewer.panels.COMPUTING]
         return cls({"livePicks": again}, texts, "\n".join([*scripts, viewer.panels.part("live_picks.js", __package__)]))
+
+
+def _ends(setup: PickSetup, frame: str) -> str:
+    """The obstacle or link in whose frame a named frame is stated at last; empty for the root of the robot."""
+    while frame in setup.shared.frames:
+        frame = setup.shared.frames[frame].frame
+    return "" if frame == setup.checker.arm.robot.urdf.root or frame in setup.checker.scene else frame
 
 
 def _rows(pose: SE3) -> list[float]:

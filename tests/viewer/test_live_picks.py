@@ -145,6 +145,33 @@ def test_the_base_is_dragged_on_the_floor_in_steps(visit, bolts):
     assert not page.evaluate("document.getElementById('caption').hidden")
 
 
+def test_links_that_touch_only_as_convex_hulls_are_checked_with_their_meshes(visit, bolts):
+    target = pose(xyz=(-0.07747741, 0.07348915, 0.28067897), rpy=(-0.97401345, -0.1525376, -0.60117802))
+    page = opened(visit, "bolts", 800, 600)
+    page.evaluate("pinproof.choose(6)")
+    rows = json.dumps(matrix(target).ravel().tolist())
+    page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({rows}), true)")
+    assert bolts.moved(6, target * bolts.placed(6).inverse()) is None
+    assert page.evaluate("pinproof.again.now().verdicts[6].stage") is None
+    assert page.text("#live-pair") == "Convex hulls of meshes touch, the meshes do not."
+
+
+def test_the_grasp_is_dragged_by_the_mouse(visit, bolts):
+    page = opened(visit, "bolts", 1000, 700)
+    page.evaluate("pinproof.choose(0)")
+    before = bolts.placed(0)
+    for _ in range(5):  # a press that comes while the page is laid out again turns the camera instead
+        start = page.evaluate(PLACE % tuple(before.translation))
+        page.drag(start, (start[0] + 40, start[1] - 30))
+        if page.evaluate("pinproof.again.now().showing"):
+            break
+    after = np.array(page.evaluate("pinproof.again.poseNow().clone().transpose().toArray()")).reshape(4, 4)
+    shift = SE3(after) * before.inverse()
+    assert np.linalg.norm(shift.translation) > 0.02
+    assert np.allclose(shift.rotation, np.eye(3), atol=1e-6)
+    assert page.evaluate("pinproof.again.now().verdicts[0].stage") == bolts.moved(0, shift)
+
+
 def test_the_object_moves_with_its_grasp_and_both_are_copied(visit, pages):
     cell = Cell("ur5", "carry.yaml")
     cell.report().save(pages("carry"))

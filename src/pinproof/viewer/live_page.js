@@ -36,7 +36,7 @@ async function startLive() {
     };
     slider.addEventListener("input", take(slider));
     entry.addEventListener("change", take(entry));
-    line.append(make("span", joint.name), slider, entry);
+    line.append(Object.assign(make("span", joint.name), { title: joint.name }), slider, entry);
     details.append(line);
     return { joint, slider, entry, line };
   });

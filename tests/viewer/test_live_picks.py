@@ -9,7 +9,17 @@ import pytest
 import pinproof as pp
 from pinproof.collision import Scene
 from pinproof.description import robots_folder
-from pinproof.picks import LivePicks, PickBudget, root_from_frame
+from pinproof.picks import (
+    LivePicks,
+    PickBudget,
+    PickReport,
+    PickSetup,
+    PickStatus,
+    PickVerdict,
+    Stage,
+    StageResult,
+    root_from_frame,
+)
 from pinproof.spatial import SE3, matrix, pose
 
 from .test_live_page import PLACE
@@ -37,7 +47,7 @@ class Cell:
         self.picks = pp.read_picks(robots_folder() / robot / name)
         self.arm, self.scene = self.picks.load_arm(), self.picks.load_scene()
 
-    def report(self, picks: pp.Picks | None = None, scene: Scene | None = None) -> pp.picks.PickReport:
+    def report(self, picks: pp.Picks | None = None, scene: Scene | None = None) -> PickReport:
         budget = PickBudget(compared=1, remedies=0, motion=0)
         return pp.validate_picks(self.arm, scene or self.scene, picks or self.picks, rng=0, budget=budget)
 
@@ -55,7 +65,7 @@ class Cell:
         return stage_of(self.report(replace(self.picks, picks=(changed,)), scene).verdicts[0])
 
 
-def stage_of(verdict: pp.picks.PickVerdict) -> str | None:
+def stage_of(verdict: PickVerdict) -> str | None:
     failed = None if verdict.failed is None else verdict.failed.value
     return failed if failed in AT_THE_GRASP else None
 
@@ -172,6 +182,21 @@ def test_the_grasp_is_dragged_by_the_mouse(visit, bolts):
     assert page.evaluate("pinproof.again.now().verdicts[0].stage") == bolts.moved(0, shift)
 
 
+def test_fingers_may_touch_the_part_that_they_grasp(visit, pages):
+    """Also an arm of seven joints, of which the page knows solutions at some values of one joint."""
+    picks = pp.read_picks(robots_folder() / "panda" / "bin_picks.yaml")
+    arm, scene = picks.load_arm(), picks.load_scene()
+    setup = PickSetup.make(arm, scene, picks, home=None, rng=0)
+    reach = StageResult(Stage.REACH, False, "not judged")
+    verdicts = tuple(PickVerdict(pick, PickStatus.NOT_FOUND, (reach,), 0) for pick in picks.picks)
+    PickReport("panda", verdicts, (), "none", (), setup).save(pages("fingers"))
+    page = opened(visit, "fingers", 800, 600)
+    found = [verdict["stage"] is None for verdict in page.evaluate("pinproof.again.now().verdicts")]
+    expected = pp.screen_picks(arm, scene, picks).free.tolist()
+    assert found == expected
+    assert expected.count(True) > 4
+
+
 def test_the_object_moves_with_its_grasp_and_both_are_copied(visit, pages):
     cell = Cell("ur5", "carry.yaml")
     cell.report().save(pages("carry"))
@@ -197,7 +222,7 @@ def test_the_object_moves_with_its_grasp_and_both_are_copied(visit, pages):
 
 def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, pages, bolts):
     chosen = tuple(pick for pick in bolts.picks.picks if pick.name in ("bolt_1", "bolt_5"))
-    setup = pp.picks.PickSetup.make(bolts.arm, bolts.scene, bolts.picks, home=None, rng=0)
+    setup = PickSetup.make(bolts.arm, bolts.scene, bolts.picks, home=None, rng=0)
     sequence = pp.cell.sequence(setup, chosen)
     sequence.save(pages("sequence"))
     sequence.save(pages("still"), live=False)
@@ -216,7 +241,7 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
 
 def test_picks_on_a_conveyor_are_not_judged_again():
     picks = pp.read_picks(robots_folder() / "ur5" / "conveyor_picks.yaml")
-    setup = pp.picks.PickSetup.make(picks.load_arm(), picks.load_scene(), picks, home=None, rng=0)
+    setup = PickSetup.make(picks.load_arm(), picks.load_scene(), picks, home=None, rng=0)
     assert LivePicks.of(setup, list(picks.picks), (), None).texts is None
     with pytest.raises(pp.InputError, match="conveyor"):
         LivePicks.of(setup, list(picks.picks), (), True)

@@ -182,15 +182,16 @@ def test_the_grasp_is_dragged_by_the_mouse(visit, bolts):
     assert page.evaluate("pinproof.again.now().verdicts[0].stage") == bolts.moved(0, shift)
 
 
-def test_fingers_may_touch_the_part_that_they_grasp(visit, pages):
+@pytest.mark.parametrize(("robot", "name"), [("panda", "bin_picks.yaml"), ("ur5", "mixed_picks.yaml")])
+def test_the_hand_of_each_pick_may_touch_the_part_that_it_grasps(visit, pages, robot, name):
     """Also an arm of seven joints, of which the page knows solutions at some values of one joint."""
-    picks = pp.read_picks(robots_folder() / "panda" / "bin_picks.yaml")
+    picks = pp.read_picks(robots_folder() / robot / name)
     arm, scene = picks.load_arm(), picks.load_scene()
     setup = PickSetup.make(arm, scene, picks, home=None, rng=0)
     reach = StageResult(Stage.REACH, False, "not judged")
     verdicts = tuple(PickVerdict(pick, PickStatus.NOT_FOUND, (reach,), 0) for pick in picks.picks)
-    PickReport("panda", verdicts, (), "none", (), setup).save(pages("fingers"))
-    page = opened(visit, "fingers", 800, 600)
+    PickReport(robot, verdicts, (), "none", (), setup).save(pages(name))
+    page = opened(visit, name, 800, 600)
     found = [verdict["stage"] is None for verdict in page.evaluate("pinproof.again.now().verdicts")]
     expected = pp.screen_picks(arm, scene, picks).free.tolist()
     assert found == expected

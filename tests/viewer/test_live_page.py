@@ -256,6 +256,18 @@ def test_names_of_bodies_run_no_scripts_and_numbers_without_end_stop_nothing(vis
     assert page.evaluate("document.querySelectorAll('img').length") == 0
 
 
+def test_names_of_properties_of_every_object_are_names_of_bodies(visit, pages):
+    names = ("__proto__", "constructor", "hasOwnProperty", "toString", "a/b")
+    things = [Obstacle(name, Box(0.1, 0.1, 0.1), pose(xyz=(0.4 * k, 0.6, 0.1))) for k, name in enumerate(names)]
+    write_html(pages("properties"), small_arm(), Scene(things), q=[0.1, 0.2])
+    page = visit("properties", 900, 600)
+    page.wait_for("pinproof.model", 60)
+    page.evaluate("pinproof.model.displace('constructor', pinproof.model.matrixOf([1,0,0,2,0,1,0,0,0,0,1,3,0,0,0,1]))")
+    for k, name in enumerate(names):
+        place = page.node("scene", name.replace("/", "\u2215"))
+        assert np.allclose(place, (2, 0, 3) if name == "constructor" else (0.4 * k, 0.6, 0.1))
+
+
 def test_without_webassembly_the_page_shows_report_and_picture(visit, pages):
     arm = small_arm()
     write_html(pages("plain"), arm, None, swing(arm), live=True)

@@ -16,6 +16,13 @@ const viewer = (() => {
   }
 })();
 
+// A body may have the name of a property that every object has, such as "constructor".
+const nodes = viewer.scene_tree.constructor.prototype, findNode = nodes.find;
+nodes.find = function (path) {
+  for (const named of [this.children, this.folder.__folders ?? {}]) Object.setPrototypeOf(named, null);
+  return findNode.call(this, path);
+};
+
 // meshcat uses the size of the window; here it uses the size of its pane.
 const resize = viewer.set_3d_pane_size.bind(viewer);
 viewer.set_3d_pane_size = () => {

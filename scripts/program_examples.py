@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 from generated_files import main, with_tables
+from program_simulator import Simulator
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.motion import RobotProgram
+from pinproof.motion import RobotProgram, find_dialect
 from pinproof.picks import export_picks, with_return
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "program_examples.md"
@@ -56,9 +57,12 @@ def rail_programs() -> dict[str, RobotProgram]:
 
 def text() -> str:
     """The text of the page."""
-    blocks, rows = dict[str, str](), ["| language | moves | program [s] | motion [s] |", "|---|--:|--:|--:|"]
+    simulator = Simulator(robots_folder() / "ur5" / "ur5.urdf", "tool0")
+    blocks = dict[str, str]()
+    rows = ["| language | moves | program [s] | simulated [s] | motion [s] |", "|---|--:|--:|--:|--:|"]
     for language, (program, duration, motion) in bolt_programs().items():
-        rows.append(f"| {language} | {len(program.moves)} | {duration:.2f} | {motion:.2f} |")
+        simulated, _, moves = simulator.run(program.text, find_dialect(language).endings[0])
+        rows.append(f"| {language} | {moves} | {duration:.2f} | {simulated:.2f} | {motion:.2f} |")
         blocks[f"bolt {language}"] = f"```text\n{program.text}```"
     blocks["durations"] = "\n".join(rows)
     for language, program in rail_programs().items():

@@ -19,6 +19,7 @@ from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import judge_options
 from pinproof.cell.sequencing.tour import TourProblem, arc_bound
 from pinproof.cell.sequencing.transits import MotionFailure, SequencedPick, StepMotions, scene_after
+from pinproof.description import robots_folder
 from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 
 ROOT = Path(__file__).parents[2]
@@ -395,3 +396,12 @@ def test_object_that_rotates_with_the_tcp_is_placed_as_its_option_rotates_it() -
         tip = setup.checker.arm.forward_kinematics(option.release.q) * shared.tip
         placed = scene_after(setup.checker.scene, job, option)["bar"]
         assert placed.pose.isApprox(tip * bar.pose, 1e-6)
+
+
+def test_a_pick_is_in_the_sequence_though_its_nearest_releases_are_in_contact() -> None:
+    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
+    only = replace(picks, picks=tuple(pick for pick in picks.picks if pick.name == "over_the_wall"))
+    setup = pp.picks.PickSetup.make(only.load_arm(), only.load_scene(), only, home=None, rng=0)
+    result = pp.sequence(setup, only.picks)
+    assert result.order == ("over_the_wall",)
+    assert not result.left_out

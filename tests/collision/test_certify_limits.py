@@ -16,7 +16,7 @@ from scipy.interpolate import BPoly
 
 import pinproof as pp
 from pinproof.model import load_robot
-from pinproof.motion import BlendedPath, CubicPath, check_limits
+from pinproof.motion import BlendedPath, CubicPath, StreamedTrajectory, check_limits, make_program
 from pinproof.verifier import Proof, verify
 
 from ..examples import examples
@@ -396,7 +396,8 @@ def test_free_is_within_all_limits_and_a_violation_is_one(kind: str, seed: int, 
     excess = largest_excess(sampled, arm.limits)
     checker = pp.CollisionChecker(arm)
     if kind == "program":
-        status = pp.collision.certify_program(curve.to_program("ros2"), checker).status
+        goal = make_program([StreamedTrajectory(curve.record())], curve.joint_names, dialect="ros2")
+        status = pp.collision.certify_program(goal, checker).status
         assert (status is FREE) <= (excess <= 1.001e-6)
         assert (status is VIOLATED) <= (excess > -1e-4)
         return

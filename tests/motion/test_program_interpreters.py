@@ -354,8 +354,12 @@ def run_krl(text: str) -> Executed:
                 state["initialised"] = 1.0
             elif command == "vel_ptp" and 0 < value <= 100:
                 state["axes"] = value
+            elif command == "acc_ptp" and 0 < value <= 100:
+                state["axes_gain"] = value
             elif command == "vel_cp" and 0 < value <= 3:
                 state["line"] = value
+            elif command == "acc_cp" and 0 < value <= 10:
+                state["line_gain"] = value
             else:
                 raise Ambiguous(line)
         elif called == "$":
@@ -384,7 +388,7 @@ def run_krl(text: str) -> Executed:
             q = in_radians(tuple(here[f"A{k}"] for k in range(1, 7)))
             blend = state["cdis"] / 1000 if words.takes("c_dis") else None
             done.append(("joint", q, None, None, blend, None))
-        elif called == "lin" and state.get("line"):
+        elif called == "lin" and state.get("line") and state.get("line_gain"):
             frame = fields(words, list("XYZABC"))
             refuse(line, len(frame) < 6)
             a, b, c = np.deg2rad([frame["A"], frame["B"], frame["C"]])
@@ -397,7 +401,7 @@ def run_krl(text: str) -> Executed:
             ]  # fmt: skip
             place = np.column_stack([turn, [frame["X"] / 1e3, frame["Y"] / 1e3, frame["Z"] / 1e3]])
             blend = state["cdis"] / 1000 if words.takes("c_dis") else None
-            done.append(("line", tuple(place.ravel()), None, state["line"], blend, None))
+            done.append(("line", tuple(place.ravel()), None, state["line"], blend, state["line_gain"]))
             here.clear()  # the axes are not known then
         else:
             raise Ambiguous(line)

@@ -10,6 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
+from pinproof.motion import find_dialect
 from pinproof.picks import PickStatus, export_picks, recertify_program
 
 from ..model import calibrations
@@ -51,19 +52,36 @@ def test_good_picks_reach_their_targets_and_are_free_by_the_true_kinematics(pick
     assert "calibration.conf" in report.to_markdown()
 
 
-def test_a_program_for_another_calibration_is_noted_and_does_not_reach_the_grasp(picks, report, tmp_path: Path):
+@pytest.mark.parametrize("dialect", ["urscript", "rapid", "krl", "fanuc"])
+def test_a_program_names_its_calibration_and_is_proven_with_no_other(picks, report, tmp_path: Path, dialect):
     good = named(report.verdicts, "bolt_1")
     (program,) = (each for each in report.programs() if each.name == "bolt_1")
-    made = export_picks(report.setup, [(good.pick, program)], "urscript", output="0")
+    made = export_picks(report.setup, [(good.pick, program)], dialect, output="grip" if dialect == "rapid" else "1")
     assert made.free
-    made.program.save(tmp_path / "bolt_1.script")
-    same = recertify_program(report.setup, [good.pick], tmp_path / "bolt_1.script")
+    assert made.program.calibrations["ur5"].startswith("calibration.conf:")
+    file = tmp_path / f"bolt_1{find_dialect(dialect).endings[0]}"
+    made.program.save(file)
+    same = recertify_program(report.setup, [good.pick], file)
     assert (same.ok, same.notes) == (True, made.notes)
-    nominal = replace(picks, calibration=None).load_arm()
-    setup = pp.picks.PickSetup.make(nominal, pp.Scene.load(picks.scene), picks, home=None, rng=0)
-    other = recertify_program(setup, [good.pick], tmp_path / "bolt_1.script")
-    assert not other.ok
-    assert any("another certificate" in note for note in other.notes)
+    # neither with the nominal arm nor with another calibration, which differs by less than the tolerance of the grasp
+    first = next(iter(picks.load_arm().robot.calibrations.values()))
+    for other in (None, replace(first, deltas=first.deltas + 1e-6)):
+        arm = pp.load_robot("ur5", calibration=other).arm(tcp="tool0")
+        setup = pp.picks.PickSetup.make(arm, pp.Scene.load(picks.scene), picks, home=None, rng=0)
+        proofs = recertify_program(setup, [good.pick], file).motions
+        assert not any(proof.free for _, _, proof, _ in proofs)
+        assert any("the calibration of ur5" in proof.message for _, _, proof, _ in proofs)
+
+
+def test_an_exported_motion_names_its_calibration_and_is_proven_with_no_other(picks, tmp_path: Path):
+    arm = picks.load_arm()
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names), arm.limits)
+    program, certificate = pp.collision.export_program(motion, pp.CollisionChecker(arm), "rapid")
+    assert certificate.free
+    assert "calibration: ur5=calibration.conf:" in program.text
+    nominal = pp.collision.certify_program(program, pp.CollisionChecker(pp.load_robot("ur5").arm(tcp="tool0")))
+    assert nominal.status is pp.CertificateStatus.UNDECIDED
+    assert "the calibration of ur5" in nominal.message
 
 
 def test_each_robot_of_a_cell_has_its_own_calibration(tmp_path: Path):

@@ -33,6 +33,7 @@ def file(tmp_path):
 
     def write(shared="", defaults="", row=ROW):
         text = (FOLDER / "carry.yaml").read_text().split("picks:\n")[0]
+        text = "\n".join(line for line in text.split("\n") if not line.startswith("payload:"))
         text = text.replace("scene: scene.yaml", f"scene: {FOLDER / 'scene.yaml'}\n{shared}")
         text = text.replace("defaults: {", f"defaults: {{{defaults}")
         (tmp_path / "picks.yaml").write_text(f"{text}picks:\n  - {row}\n")

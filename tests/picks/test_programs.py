@@ -297,7 +297,7 @@ def test_the_parts_of_earlier_picks_are_not_covered(report, verdict, text) -> No
 def test_a_gripper_that_does_not_switch_or_elsewhere_or_the_wrong_way_is_not_free(text, certified) -> None:
     """The outputs of the text count, not the names of the motions: later, earlier, exchanged."""
     switched = [k for k, step in enumerate(text.steps) if isinstance(step, SetOutput)]
-    without = [step for step in text.steps if not isinstance(step, SetOutput | Wait)]
+    without = [step for step in text.steps if not isinstance(step, SetOutput | SetLoad | Wait)]
     assert certified(text, *without)[0].status is VIOLATED
     edits = []
     for wrong in (*([k] for k in switched), switched):
@@ -432,6 +432,17 @@ def test_the_hold_of_a_part_is_judged_on_all_moves_with_it(text, certified, monk
     assert any(np.abs(q - middle.q).max() < 1e-9 for q in starts)
 
 
+def test_krl_states_lower_accelerations_where_the_torques_of_a_heavy_part_need_them(report, verdict, certified) -> None:
+    (program,) = report.programs()
+    pick = replace(verdict.pick, payload=pp.Payload(8.0))
+    made = export_picks(report.setup, [(pick, program)], "krl", output=OUTPUTS["krl"])
+    transfer = next(k for k, step in enumerate(made.program.steps) if isinstance(step, JointMove) and step.gain < 100)
+    assert made.free
+    steps = [replace(step, gain=100) if k == transfer else step for k, step in enumerate(made.program.steps)]
+    (proofs,), _ = certify_picks_program(report.setup, [pick], replace(made.program, steps=tuple(steps)))
+    assert VIOLATED in {proof.status for proof in proofs}
+
+
 # -- what programs state beside their moves ----------------------------------------------------------------------------
 
 
@@ -481,7 +492,8 @@ def test_a_language_is_refused_before_anything_is_planned() -> None:
         ("ros2", pp.load_robot("ur5").arm(), {}, "digital outputs"),
         ("rapid", panda, {}, "panda_joint1"),
         ("urscript", panda, {"external_axes": ("panda_joint1",)}, "external axes"),
-        ("urscript", pp.load_robot("ur5").arm(), {"main": True}, "one program"),
+        ("urscript", pp.load_robot("ur5").arm(), {"main": True}, "main: true"),
+        ("krl", pp.load_robot("ur5").arm(), {"input": "di_part"}, "digital inputs"),
     ):
         stated = replace(picks, program=replace(picks.program, **settings))
         with pytest.raises(InputError, match=named):

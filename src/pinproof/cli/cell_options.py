@@ -122,9 +122,7 @@ class ExportOptions:
             if value is not None and self.export is None:
                 raise InputError(f"{stated} needs --export")
         if signal is not None and self.export is not None:
-            language = pp.motion.find_dialect(self.export)
-            if not re.fullmatch(language.signals, signal):
-                raise InputError(f"{name} {signal}: {self.export} has digital outputs with {language.signal_kind}")
+            pp.motion.find_dialect(self.export).checked_signal(name, signal, "output")
         if self.export is not None and not has_folder(self.output, suffixes):
             raise InputError("--export belongs to -o with a folder; add -o FOLDER")
         is_folder = self.output is not None and check_report_output(self.output, tuple(suffixes))

@@ -33,11 +33,11 @@ from pinproof.collision.certificates.linear_traces import (
     trace_line as trace_line,
 )
 from pinproof.collision.certificates.program_limits import (
+    arm_faults as arm_faults,
     outside_limits as outside_limits,
     overlaps as overlaps,
     shortest_durations as shortest_durations,
     speed_violations as speed_violations,
-    tool_fault as tool_fault,
     unknown_speeds as unknown_speeds,
 )
 from pinproof.collision.certificates.program_moves import (

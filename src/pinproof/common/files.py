@@ -70,7 +70,8 @@ def read_text(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT
 def unknown_suffix(path: Path, valid: Iterable[str]) -> str:
     """The text of an error for a file whose name has another suffix than the valid ones."""
     stated = f"unknown file type {path.suffix!r}" if path.suffix else "the file name has no suffix"
-    return f"{stated}; valid: {', '.join(valid)}"
+    remedy = "; a calibration of an arm belongs to --calibration" if path.suffix.lower() == ".conf" else ""
+    return f"{stated}; valid: {', '.join(valid)}{remedy}"
 
 
 def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None, remedy: str = "") -> None:

@@ -25,6 +25,7 @@ Differences of a Denavit-Hartenberg table (CSV)
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -108,13 +109,15 @@ class Calibration:
 
     def __eq__(self, other: object) -> bool:
         """Whether the numbers, and what they refer to, are the same; the file may be another."""
-        return isinstance(other, Calibration) and self._numbers() == other._numbers()
+        return isinstance(other, Calibration) and self.numbers == other.numbers
 
     def __hash__(self) -> int:
-        return hash(str(self._numbers()))
+        return hash(self.numbers)
 
-    def _numbers(self) -> Any:
-        return st.plain((self.like, self.convention, self.joints, self.deltas, self.origins))
+    @property
+    def numbers(self) -> str:
+        """The numbers, and what they refer to, as JSON."""
+        return json.dumps(st.plain((self.like, self.convention, self.joints, self.deltas, self.origins)))
 
 
 def calibration_format(path: Path) -> str:

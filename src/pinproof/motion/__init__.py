@@ -104,8 +104,8 @@ from pinproof.motion.robot_program import (
     JointMap as JointMap,
     ProgramPick as ProgramPick,
     RobotProgram as RobotProgram,
+    calibration_marks as calibration_marks,
     make_program as make_program,
-    moves_along as moves_along,
 )
 from pinproof.motion.steering import (
     Move as Move,

@@ -50,8 +50,8 @@ SPEED_SHARES = np.array([1.0, 0.8, 0.6, 0.4, 0.2]), np.geomspace(0.85, 1.18, 5)
 PASSING = 0.7
 # Samples of the part of a linear move in a zone, whose joint accelerations are compared.
 IN_ZONE = 17
-# s: a move of a single point.
-SHORTEST = 1e-4
+# s: a move of a single point, and a piece of a motion.
+SHORTEST, SHORTEST_PIECE = 1e-4, 1e-6
 
 
 @described(eq=False)
@@ -352,6 +352,8 @@ def _trajectory(moves: Sequence[ControllerMove], profiles: Sequence[Profile], st
         if len(move.path.q) > 2:
             knots += np.linspace(start, end, 2 * len(move.path.q)).tolist()
     times = np.unique(np.round(knots, 9))
+    # In a shorter piece, rounding errors of the joint values are large accelerations
+    times = times[np.append(True, np.append(np.diff(times)[1:] > SHORTEST_PIECE, True))]
     q = np.tile(moves[0].path.q[0], (len(times), 1))
     rates = np.zeros_like(q)
     for move, profile, start in zip(moves, profiles, starts, strict=True):

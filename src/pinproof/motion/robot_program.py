@@ -14,7 +14,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -23,12 +23,12 @@ import numpy.typing as npt
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_positive
+from pinproof.description import Calibration
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.curve import Curve, TimedCurve, checked_joint_names, read_only
+from pinproof.motion.curve import checked_joint_names, read_only
 from pinproof.motion.dialects import Dialect, dialect_of_file, find_dialect
 from pinproof.motion.dialects.dialect import (
     NAME,
-    Blend,
     Heading,
     JointMove,
     LinearMove,
@@ -39,15 +39,12 @@ from pinproof.motion.dialects.dialect import (
     ToolData,
     UserFrame,
 )
-from pinproof.motion.paths import JointPath
 from pinproof.spatial import Array, finite
 
 # The first words of the comments, with the version of the format.
 FORMAT = "pinproof program 1"
 # Hexadecimal digits of the hash of a line. It detects edits; it does not protect from forgery.
 HASH_DIGITS = 8
-# Samples of each polynomial piece of a curve; some of them become points of a program.
-SAMPLES_PER_PIECE = 16
 
 
 @described(eq=False)
@@ -129,7 +126,7 @@ class ProgramPick:
 
 @described(eq=False)
 class RobotProgram:
-    """A program of a controller, as parsed from its text; see :meth:`load` and :meth:`Trajectory.to_program`."""
+    """A program of a controller, as parsed from its text; see :func:`pinproof.collision.export_program`."""
 
     name: str = key("the name of the program in the text")
     dialect: str = key("the language: ``urscript``, ``rapid``, ``krl``, ``fanuc`` or ``ros2``")
@@ -148,6 +145,10 @@ class RobotProgram:
     frame: UserFrame | None = key("the frame that the text declares; None if it states none", default=None)
     external_joints: Mapping[str, str] = key(
         'the joints that are external axes, each with its unit, ``"mm"`` or ``"deg"``', default_factory=dict
+    )
+    calibrations: Mapping[str, str] = key(
+        "the calibrations of the arm that it was written for, as :func:`calibration_marks` states them",
+        default_factory=dict,
     )
 
     @property
@@ -246,12 +247,14 @@ def make_program(
     tool: ToolData | None = None,
     frame: UserFrame | None = None,
     external_joints: Mapping[str, str] | None = None,
+    calibrations: Mapping[str, Calibration] | None = None,
 ) -> RobotProgram:
     """Write a program and parse it back; the result has the numbers of the text, with their rounding.
 
-    ``uncovered`` states in the comments what the certificate does not cover, ``picks`` what the program executes, and
-    ``external_joints`` the joints that the controller moves as external axes (:func:`external_joints`). The joint map
-    has the joints of the robot. Names that the language does not permit are changed to ASCII and shortened.
+    ``uncovered`` states in the comments what the certificate does not cover, ``picks`` what the program executes,
+    ``external_joints`` the joints that the controller moves as external axes (:func:`external_joints`), and
+    ``calibrations`` those of the arm (:attr:`pinproof.Robot.calibrations`). The joint map has the joints of the robot.
+    Names that the language does not permit are changed to ASCII and shortened.
 
     Raises
     ------
@@ -299,8 +302,9 @@ def make_program(
         entries["not covered"] = json.dumps(uncovered)[1:-1].replace(";", ",")
     if not mapping.is_identity:
         entries["map"] = str(mapping)
-    if external:
-        entries["external"] = " ".join(f"{joint}={unit}" for joint, unit in external.items())
+    for what, values in (("external", external), ("calibration", calibration_marks(calibrations or {}))):
+        if values:
+            entries[what] = " ".join(f"{name}={value}" for name, value in values.items())
     entries |= {what: each.name for what, each in (("tool", tool), ("frame", frame)) if each is not None}
     if picks:
         rows = [[pick.name, pick.member, [list(motion) for motion in pick.motions]] for pick in picks]
@@ -311,64 +315,11 @@ def make_program(
     return RobotProgram.parse(language.numbered(text), source=name, dialect=dialect)
 
 
-def moves_along(
-    curve: Curve, *, tolerance: float = 0.002, blend: Blend | None = None, speed: float | None = None
-) -> list[JointMove]:
-    """Moves on straight lines in joint space that follow a curve.
-
-    Parameters
-    ----------
-    curve
-        A path, whose waypoints are kept if it is a :class:`~pinproof.JointPath`, or a trajectory, whose times give the
-        durations.
-    tolerance
-        rad: largest deviation of the lines from the curve, at samples of the curve.
-    blend
-        The blend at inner points at which the curve does not rest; None for stops.
-    speed
-        Not used for a trajectory; for a path, the speed (rad/s) of the joint that moves most.
-
-    Raises
-    ------
-    InputError
-        If tolerance or speed is not above 0.
-    """
-    require_positive("tolerance (rad)", tolerance)
-    if speed is not None:
-        require_positive("speed (rad/s)", speed)
-    # Parameters (k,) and points (k, n) along the curve, and whether it must stop there.
-    if isinstance(curve, JointPath):
-        distinct = np.concatenate([[True], np.abs(np.diff(curve.q, axis=0)).max(axis=1) > 0])
-        times, points = np.arange(len(curve.q), dtype=float)[distinct], curve.q[distinct]
-    else:
-        knots = np.unique(curve.bezier()[0])
-        steps = [np.linspace(a, b, SAMPLES_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]
-        times = np.concatenate([*steps, knots[-1:]])
-        points = np.asarray(curve(times))
-    rests = np.zeros(len(times), dtype=bool)
-    if isinstance(curve, TimedCurve):
-        rests = ~np.abs(curve.velocity(times)).max(axis=1).astype(bool)
-    # The points whose chords deviate from the points between them by at most the tolerance.
-    kept, last = [0], len(points) - 1
-    while kept[-1] < last:
-        start = kept[-1]
-        limit = next((k for k in range(start + 1, last) if rests[k]), last)
-        end = start + 1
-        while end < limit and _deviation(points[start : end + 2]) <= tolerance:
-            end += 1
-        if np.abs(points[end] - points[start]).max() > 0 or end == last:
-            kept.append(end)
-        else:
-            kept[-1] = end
-    moves = [JointMove(read_only(points[0].copy()))]
-    for i, k in pairwise(kept):
-        if isinstance(curve, TimedCurve):
-            duration = float(times[k] - times[i])
-        else:
-            duration = float(np.abs(points[k] - points[i]).max()) / (speed or 0.5)
-        stops = k == kept[-1] or bool(rests[k])
-        moves.append(JointMove(read_only(points[k].copy()), duration, None if stops else blend))
-    return moves
+def calibration_marks(calibrations: Mapping[str, Calibration]) -> dict[str, str]:
+    """The file and a hash of the numbers of each calibration, by the name of its robot, for the text of a program."""
+    words = ((robot, own.path.name, _hash(own.numbers)) for robot, own in sorted(calibrations.items()))
+    plain = ([re.sub(r"[^\w.-]", "_", word, flags=re.ASCII) for word in each] for each in words)
+    return {robot: f"{file}:{digest}" for robot, file, digest in plain}
 
 
 def _mapped(step: Step, convert: Callable[[Array], Array], heading: Heading) -> Step:
@@ -378,14 +329,6 @@ def _mapped(step: Step, convert: Callable[[Array], Array], heading: Heading) -> 
         q[heading.robot] = convert(q[heading.robot])
         return replace(step, q=read_only(q))
     return step
-
-
-def _deviation(points: Array) -> float:
-    """Largest difference (rad) of a joint between points (k, n) and their chord."""
-    chord = points[-1] - points[0]
-    square = float(chord @ chord)
-    along = (points - points[0]) @ chord / square if square > 0 else np.zeros(len(points))
-    return float(np.abs(points - points[0] - along.clip(0, 1)[:, None] * chord).max())
 
 
 def _hash(line: str) -> str:
@@ -467,7 +410,10 @@ def _read_header(
         deviation = float(stated["deviation"].removesuffix(" rad"))
         if not 0 <= deviation < np.inf:
             raise ValueError(stated["deviation"])
-        external = {joint: unit for joint, _, unit in (p.rpartition("=") for p in stated.get("external", "").split())}
+        external, calibrations = (
+            {name: value for name, _, value in (pair.rpartition("=") for pair in stated.get(what, "").split())}
+            for what in ("external", "calibration")
+        )
         if not set(external) <= set(names) or not set(external.values()) <= {"mm", "deg"}:
             raise ValueError(stated["external"])
         if reason := find_dialect(dialect).refuses_joints(names, external):
@@ -491,6 +437,7 @@ def _read_header(
         raise TrajectoryError(source, "the comments at the top were edited after the program was written")
     certificate = "" if stated["certificate"] == "none" else stated["certificate"]
     program = RobotProgram(
-        stated["name"], dialect, names, (), deviation, certificate, "", picks, external_joints=external
-    )
+        stated["name"], dialect, names, (), deviation, certificate, "", picks, external_joints=external,
+        calibrations=calibrations,
+    )  # fmt: skip
     return program, hashes, mapping, declared

@@ -20,11 +20,8 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.model import guess_mark
 from pinproof.motion import trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Bezier, BezierCurve, checked_joint_names, ends_meet, read_only
-from pinproof.motion.dialects import find_dialect
-from pinproof.motion.dialects.dialect import Blend, StreamedTrajectory
 from pinproof.motion.limits import MotionLimits
 from pinproof.motion.plot import DrawnConstraint, plot_trajectory
-from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
 from pinproof.motion.trajectory_files import LONGEST, NANO, RATES, Certified, MotionRecord, seconds, whole_nanoseconds
 from pinproof.spatial import Array, finite
 from pinproof.verifier import curve_digest
@@ -316,54 +313,6 @@ class Trajectory(BezierCurve, Shown):
         points = seconds(record.nanoseconds), record.q, record.velocities
         further = {"accelerations": record.accelerations, "certified": record.certified}
         return cls(*points, record.joint_names, record.limits_note, **further)  # type: ignore[arg-type]
-
-    def to_program(
-        self,
-        dialect: str,
-        *,
-        name: str = "motion",
-        tolerance: float = 0.002,
-        blend: Blend | None = None,
-        deviation: float = 0.0,
-        certificate: str = "",
-        joint_map: JointMap | None = None,
-    ) -> RobotProgram:
-        """A program of a robot controller that follows this motion; it is not certified.
-
-        :func:`pinproof.collision.export_program` also certifies what the controller will execute, and chooses the
-        blends.
-
-        Parameters
-        ----------
-        dialect
-            ``"urscript"``, ``"rapid"``, ``"krl"``, ``"fanuc"`` or ``"ros2"``. A goal of ROS 2 is exactly this
-            trajectory; the others are moves on straight lines in joint space.
-        name
-            The name of the program.
-        tolerance
-            rad: largest deviation of the lines from this motion, at samples of the motion.
-        blend
-            The blend at inner points; None for stops.
-        deviation
-            rad: the deviation of the controller from the lines that the text states.
-        certificate
-            The hash of the certificate that the text states; empty for none.
-        joint_map
-            How the controller's joint values follow from the values of the model, if they differ.
-
-        Raises
-        ------
-        UnknownNameError
-            If the dialect is unknown.
-        InputError
-            If the language cannot express the motion, such as another number of joints than 6.
-        """
-        exact = find_dialect(dialect).exact
-        steps = [StreamedTrajectory(self.record())] if exact else moves_along(self, tolerance=tolerance, blend=blend)
-        return make_program(
-            steps, self.joint_names, dialect=dialect, name=name, deviation=deviation, certificate=certificate,
-            joint_map=joint_map,
-        )  # fmt: skip
 
     def digest(self) -> str:
         """The hash of joints, knots and polynomial pieces that certificates contain."""

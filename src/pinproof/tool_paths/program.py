@@ -206,6 +206,7 @@ def export_motions(
         steps += along
     write = partial(
         make_program, steps, arm.joint_names, dialect=dialect, name=name, deviation=deviation, tool=tool,
+        calibrations=arm.robot.calibrations,
     )  # fmt: skip
     # What the text states is certified; a proven program states the hash of its certificate
     program = write()

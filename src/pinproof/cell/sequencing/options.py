@@ -253,18 +253,25 @@ class PickOptions:
             reached = reach(task, group, seeds[0])
             screened = screen(task, group, reached) if len(reached.q) else None
             if screened is not None:
-                options = _options(task, pick, screened.candidates, seeds[0], bounds, self.most)
-                if options:
-                    return Job(pick, tuple(options), before)
+                for nearest in (RELEASES, None):  # the nearest releases may all be in contact
+                    options = _options(task, pick, screened.candidates, seeds[0], bounds, self.most, nearest)
+                    if options:
+                        return Job(pick, tuple(options), before)
         # without an option, the pick is judged for its reason
         quick = replace(cell, budget=replace(setup.budget, remedies=0, motion=0))
         return Job(pick, (), before, failed=judge(alone, quick, setup.rng(index)))
 
 
 def _options(
-    task: PickTask, pick: Pick, candidates: tuple[GraspCandidate, ...], seed: int, bounds: Bounds, most: int
+    task: PickTask,
+    pick: Pick,
+    candidates: tuple[GraspCandidate, ...],
+    seed: int,
+    bounds: Bounds,
+    most: int,
+    nearest: int | None,
 ) -> list[PickOption]:
-    """The options with the shortest lower bounds of their time from home."""
+    """The options with the shortest lower bounds of their time from home, of the ``nearest`` releases of each grasp."""
     # the nearest releases of each candidate, by the time from home through both and back
     placer = Placer(task, seed)
     ranked: list[tuple[float, GraspCandidate, Array | None]] = []
@@ -278,7 +285,7 @@ def _options(
             continue
         across = least_times(releases - candidate.q, bounds)
         back = least_times(releases - task.cell.home, bounds)
-        for k in np.argsort(across, kind="stable")[:RELEASES]:
+        for k in np.argsort(across, kind="stable")[:nearest]:
             ranked.append((float(into + across[k] + back[k]), candidate, releases[k]))
     # those whose lines exist and can be timed; lines of a grasp and of a release are computed once
     options: list[PickOption] = []

@@ -333,7 +333,8 @@ class SequenceRun:
         for i, job in enumerate(jobs):
             if job.failed is not None:
                 stage = job.failed.stages[-1]
-                failed[i] = f"{stage.stage.value}: {stage.message}"
+                good = "good alone, but it has no lines that can be part of a sequence"
+                failed[i] = good if job.failed.ok else f"{stage.stage.value}: {stage.message}"
         self._leave_out(failed)
 
     def _leave_out(self, failed: dict[int, str]) -> None:

@@ -312,14 +312,21 @@ class Parting:
     end: float = key(
         "the parameter up to which the body is proven not to approach; after it the ordinary proof applies"
     )
+    length: float | None = key(
+        "the largest parameter of a path, whose parameters are reported as shares of it; None for seconds", default=None
+    )
 
     def __str__(self) -> str:
         one, other = self.bodies
+        until, end = (
+            f"t = {at:.4g} s" if self.length is None else f"{100.0 * at / self.length:.3g} % of the path"
+            for at in (self.until, self.end)
+        )
         along = ", ".join(f"{x:.3g}" for x in self.normal + 0.0)
         gap = round(self.gap * 1e3, 2) + 0.0  # -0.0 becomes 0.0
         return (
-            f"{one} may touch {other} until {self.until:.4g} (gap {gap:.2f} mm at the start): it is proven "
-            f"not to approach along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
+            f"{one} may touch {other} until {until} (gap {gap:.2f} mm at the start): it is proven "
+            f"not to approach along ({along}) until {end}, and to keep its margin afterwards"
         )
 
 

@@ -95,8 +95,9 @@ def _free(
             known = others.setdefault(each.bodies, each)
             if each.group.gap < known.group.gap:
                 others[each.bodies] = each
+    length = None if hasattr(curve, "duration") else float(curve.domain[1])
     partings = tuple(
-        Parting(each.bodies, read_only(each.group.normal), each.group.gap, each.until, each.end)
+        Parting(each.bodies, read_only(each.group.normal), each.group.gap, each.until, each.end, length)
         for each in (*touching, *others.values())
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)

@@ -1,4 +1,4 @@
-"""What no certificate of a part of a program covers: overlapping blends, the limits of joints, and the tool."""
+"""What no certificate of a part of a program covers: overlapping blends, the limits of joints, tool and calibration."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from pinproof.motion import (
     StreamedPoint,
     StreamedTrajectory,
     Trajectory,
+    calibration_marks,
 )
 from pinproof.spatial import Array
 
@@ -192,25 +193,33 @@ def _stream_faults(
             )
 
 
-def tool_fault(program: RobotProgram, arm: Arm) -> str:
-    """Why the tool that a program declares is not that of its linear moves and its radii, in a sentence; or empty.
+def arm_faults(program: RobotProgram, arm: Arm) -> Iterator[str]:
+    """Why a program is not for an arm, in sentences: another calibration, or another tool.
 
-    Its tcp must be that of the arm, from any frame that the model has at the last joint: which is the flange of the
-    controller is not stated.
+    The tcp of a tool with linear moves or radii must be that of the arm, from any frame that the model has at the last
+    joint: which is the flange of the controller is not stated.
     """
+    own = calibration_marks(arm.robot.calibrations)
+    for name in sorted({*own, *program.calibrations}):
+        was, now = (marks.get(name, "none") for marks in (program.calibrations, own))
+        if was.rpartition(":")[2] != now.rpartition(":")[2]:  # the file may have another name
+            yield (
+                f"the calibration of {name} in the program is {was}, but that of the arm is {now}; state the "
+                "calibration of the program, or write the program again"
+            )
     uses = any(
         isinstance(step, LinearMove) or (isinstance(step, JointMove) and step.blend and step.blend.radius is not None)
         for step in program.moves
     )
     if program.tool is None or not uses:
-        return ""
+        return
     tcp = arm.model.frames[arm.tcp_id]
     for frame in arm.model.frames:
         if frame.parentJoint == tcp.parentJoint:
             apart = pin.log6((frame.placement * program.tool.tcp).actInv(tcp.placement)).vector
             if np.linalg.norm(apart[:3]) <= SAME_TCP and np.linalg.norm(apart[3:]) <= SAME_TCP:
-                return ""
-    return (
+                return
+    yield (
         f"the tcp of tool {program.tool.name!r} in the program is not the tcp {tcp.name!r} of the arm, from any of its "
         "frames at the last joint; state that tcp, or correct the tool"
     )

@@ -89,19 +89,22 @@ def timed_step(
             velocity = np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)
             top = (velocity / np.maximum(np.abs(q - move.path.start), 1e-12)).min()
             percent = int(100 * profile.peak / top + 1e-6)
-        percent = min(max(percent, 1), 100)
+        percent, usual = min(max(percent, 1), 100), fastest(move.path, arm.limits).gains
+        gain = None if move.gain is None else max(int(100 * move.gain / usual.max() + 1e-6), 1)
         if move.top is None or move.duration is not None:
-            return JointMove(q, profile.duration, blend, percent=percent)
-        travel, gain = float(np.abs(q - move.path.start).max()), float(fastest(move.path, arm.limits).gains.min())
-        return JointMove(q, None, blend, speed=profile.peak * travel, percent=percent, acceleration=gain * travel)
+            return JointMove(q, profile.duration, blend, percent=percent, gain=gain)
+        travel = float(np.abs(q - move.path.start).max())
+        speed, ramp = profile.peak * travel, float(usual.min()) * travel
+        return JointMove(q, None, blend, speed=speed, percent=percent, acceleration=ramp, gain=gain)
     first, last = (arm.forward_kinematics(end) for end in (move.path.start, q))
     length = float(np.linalg.norm(last.translation - first.translation))
     duration = profile.duration if move.top is None or move.duration is not None else None
-    acceleration = None
-    if duration is None:  # the least of the usual ones, with which no joint exceeds its own on any part of the line
-        slope = np.abs(np.diff(move.path.q, axis=0)).max(axis=0) * (len(move.path.q) - 1)
-        most = np.where(np.isnan(arm.limits.acceleration), np.inf, arm.limits.acceleration)
-        acceleration = length * min(fastest(move.path, arm.limits).gains.min(), (most / np.maximum(slope, 1e-12)).min())
+    # The least acceleration between zones, or the usual one, at which no joint exceeds its own on any part of the line
+    gains = profile.gains if duration is not None or move.gain is not None else fastest(move.path, arm.limits).gains
+    slope = np.abs(np.diff(move.path.q, axis=0)).max(axis=0) * (len(move.path.q) - 1)
+    most = np.where(np.isnan(arm.limits.acceleration), np.inf, arm.limits.acceleration)
+    least = min(gains.min(initial=np.inf), (most / np.maximum(slope, 1e-12)).min())
+    acceleration = length * least if np.isfinite(least) else None
     return LinearMove(q, last, duration, speed=profile.peak * length, blend=blend, acceleration=acceleration)
 
 

@@ -33,6 +33,7 @@ from pinproof.motion import (
     StreamedTrajectory,
     Trajectory,
     controller_motion,
+    fastest,
 )
 from pinproof.spatial import Array
 
@@ -162,6 +163,8 @@ def _controller_move(step: Step, path: JointPath, arm: Arm, zone: tuple[float, f
     length = max(float(np.linalg.norm(ends[1] - ends[0]) if straight else np.abs(path.end - path.start).max()), 1e-9)
     top, gain = (None if stated is None else stated / length for stated in (step.speed, step.acceleration))
     percent = 100 if isinstance(step, LinearMove) else step.percent or 100
+    if isinstance(step, JointMove) and step.gain is not None:
+        gain = step.gain / 100.0 * float(fastest(path, arm.limits).gains.max())
     return ControllerMove(path, step.duration, zone, percent / 100.0, top, gain)
 
 

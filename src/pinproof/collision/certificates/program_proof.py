@@ -13,10 +13,10 @@ import numpy as np
 from pinproof.collision.certificates.certificate import Certificate, CertificateStatus
 from pinproof.collision.certificates.certify import certify
 from pinproof.collision.certificates.program_limits import (
+    arm_faults,
     outside_limits,
     overlaps,
     speed_violations,
-    tool_fault,
     unknown_speeds,
 )
 from pinproof.collision.certificates.program_moves import moves_between_rests
@@ -88,7 +88,7 @@ class ProgramCertificate(Answer):
     )
     untraced: tuple[str, ...] = key(
         "the linear moves whose joint values are not bounded, with the reason, moves and set points whose speed is not "
-        "known, and a declared tool with another tcp than the arm. The program is then UNDECIDED",
+        "known, a tool with another tcp, or another calibration, than that of the arm. The program is then UNDECIDED",
         default=(),
     )
     outputs: tuple[int, ...] = key(
@@ -199,7 +199,7 @@ def certify_program(
     outside = (*outside_limits(program, checker.arm, traces), *speed_violations(program, checker.arm, traces))
     outputs = tuple(step.line for step in program.steps if isinstance(step, SetOutput) and step.output not in process)
     untraced += tuple(unknown_speeds(program, checker.arm))
-    untraced += (fault,) if (fault := tool_fault(program, checker.arm)) else ()
+    untraced += tuple(arm_faults(program, checker.arm))
     return ProgramCertificate(tuple(parts), tuple(notes), overlapping, outside, untraced, outputs)
 
 
@@ -281,6 +281,7 @@ def export_program(
         deviation=deviation,
         joint_map=joint_map,
         external_joints=external,
+        calibrations=checker.arm.robot.calibrations,
     )
     program = write(steps)
     certificate = certify_program(program, checker)

@@ -14,7 +14,7 @@ from pinproof.common.structs import described, key
 from pinproof.errors import InputError, TrajectoryError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion.trajectory_files import Record
-from pinproof.spatial import SE3, Array, log6, pose
+from pinproof.spatial import SE3, Array, log6, pose, xyz_rpy
 
 # -- steps -------------------------------------------------------------------------------------------------------------
 
@@ -53,6 +53,7 @@ class JointMove:
     acceleration: float | None = key(
         "rad/s^2 of the joint that moves farthest; None if the text states none", default=None
     )
+    gain: int | None = key("as ``percent``, of the acceleration limits of the joints", default=None)
 
 
 @described(eq=False)
@@ -178,7 +179,7 @@ def external_joints(arm: Arm, stated: Iterable[str] | None = None) -> dict[str, 
     chosen = [name for name in arm.joint_names[:-6] if units[name] == "mm"] if stated is None else list(stated)
     for name in chosen:
         if name not in units:
-            raise UnknownNameError("joint", name, units)
+            raise UnknownNameError("joint", name, units, "external_axes")
     own = [name for name in units if name not in chosen]
     if len(own) != 6 or any(units[name] == "mm" for name in own):
         raise InputError(
@@ -526,7 +527,7 @@ class Dialect:
     def main(self, programs: Sequence[str]) -> str:
         """The text of a routine ``main`` that calls programs in their order; InputError if the language has none."""
         if not self.call:
-            raise InputError(f"{self.name} has no routine that calls the programs of other files; write one program")
+            raise InputError(f"{self.name} has no routine that calls the programs of other files; remove main: true")
         before, after = self.frame(Heading("main"))
         begin = [f"{self.indent}{line.replace('@', name)}" for line in self.begin for name in programs]
         calls = [f"{self.indent}{self.call.replace('@', name)}" for name in programs]
@@ -536,14 +537,15 @@ class Dialect:
 
     def signal(self, name: str) -> Field:
         """The field of an input or output with the name of the value."""
+        return Field(
+            self.signals, lambda step: self.checked_signal(name, getattr(step, name)), lambda text: {name: text}
+        )
 
-        def write(step: Any) -> str:
-            value = str(getattr(step, name))
-            if not re.fullmatch(self.signals, value):
-                raise InputError(f"{name} {value!r}: {self.name} has digital {name}s with {self.signal_kind}")
-            return value
-
-        return Field(self.signals, write, lambda text: {name: text})
+    def checked_signal(self, name: str, value: str, kind: str = "") -> str:
+        """The value of an input or output; InputError with its name if the language does not have it."""
+        if not re.fullmatch(self.signals, value):
+            raise InputError(f"{name} {value!r}: {self.name} has digital {kind or name}s with {self.signal_kind}")
+        return value
 
     def common_forms(
         self,
@@ -661,6 +663,19 @@ def quaternion(transform: SE3) -> Array:
     turn = log6(transform)[3:]
     angle = float(np.linalg.norm(turn))
     return np.array([math.cos(angle / 2), *(math.sin(angle / 2) / angle * turn if angle else turn)])
+
+
+def in_degrees(transform: SE3) -> list[float]:
+    """Millimetres, and degrees about the fixed axes X, Y and Z."""
+    x, y, z, *rpy = xyz_rpy(transform)
+    return [1e3 * x, 1e3 * y, 1e3 * z, *np.rad2deg(rpy)]
+
+
+def from_degrees(values: Sequence[float]) -> SE3:
+    """The pose of :func:`in_degrees`; ValueError for angles of more than a rotation."""
+    if np.abs(values[3:]).max() > 360.0:
+        raise ValueError("an angle is beyond 360 degrees")
+    return pose(np.array(values[:3]) / 1e3, np.deg2rad(values[3:]))
 
 
 def turned(xyz: Sequence[float], turn: Sequence[float]) -> SE3:

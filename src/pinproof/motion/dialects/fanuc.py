@@ -26,13 +26,14 @@ from pinproof.motion.dialects.dialect import (
     ToolData,
     UserFrame,
     constant,
+    from_degrees,
+    in_degrees,
     numbers,
     plain,
     positive,
     rounded_up,
     tool_load,
 )
-from pinproof.spatial import SE3, pose, xyz_rpy
 
 # A regular expression for the number of a position; with leading zeros one position would have several names.
 INDEX = r"[1-9]\d*"
@@ -227,15 +228,7 @@ def _time(text: str) -> Mapping[str, float]:
 
 def _pose(name: str) -> Field:
     """The field of a pose: millimetres, and degrees about the fixed axes X, Y and Z."""
-
-    def values(step: ToolData | UserFrame) -> list[float]:
-        x, y, z, *rpy = xyz_rpy(getattr(step, name))
-        return [1e3 * x, 1e3 * y, 1e3 * z, *np.rad2deg(rpy)]
-
-    def made(v: Sequence[float]) -> SE3:
-        return pose(np.array(v[:3]) / 1e3, np.deg2rad(v[3:]))
-
-    return numbers(name, POSE, values, made, 3)
+    return numbers(name, POSE, lambda step: in_degrees(getattr(step, name)), from_degrees, 3)
 
 
 def _termination(step: JointMove | LinearMove) -> str:

@@ -26,15 +26,18 @@ from pinproof.motion.dialects.dialect import (
     ToolData,
     UserFrame,
     constant,
+    from_degrees,
+    in_degrees,
     numbers,
     positive,
     rounded_down,
     tool_load,
 )
-from pinproof.spatial import SE3, pose, xyz_rpy
 
 # m/s of linear moves, and the largest value of `BAS(#VEL_CP,..)`.
 LINE_SPEED, FASTEST_LINE = 0.1, 3.0
+# m/s^2 of linear moves, and the largest value of `BAS(#ACC_CP,..)`.
+LINE_GAIN, LARGEST_GAIN = 1.0, 10.0
 # Per cent of the axis velocities; KRL states no durations of moves.
 SPEED = 30
 # The text of a load: its mass, and its centre of mass in millimetres.
@@ -70,23 +73,26 @@ class Krl(Dialect):
         # The first instruction resets base, tool and approximation
         items = ["  BAS(#INITMOV,0)", *super().arranged(heading, ())]
         radii, distance = _common_radii(steps), 0.0
-        axes, line = 0, 0.0
+        stated = dict[str, str]()
         for step, radius in zip(steps, radii, strict=True):
+            values = dict[str, str]()
             if radius is not None and radius != distance:
                 distance = radius
                 items.append(f"  $APO.CDIS={rounded_down(1e3 * radius)}")
-            if isinstance(step, JointMove) and (step.percent or SPEED) != axes:
-                axes = step.percent or SPEED
-                items.append(f"  BAS(#VEL_PTP,{axes})")
-            if isinstance(step, LinearMove) and (speed := min(step.speed or LINE_SPEED, FASTEST_LINE)) != line:
-                line = speed
-                items.append(f"  BAS(#VEL_CP,{rounded_down(line)})")
+            if isinstance(step, JointMove):
+                values = {"VEL_PTP": str(step.percent or SPEED), "ACC_PTP": str(step.gain or 100)}
+            elif isinstance(step, LinearMove):
+                speed, gain = step.speed or LINE_SPEED, step.acceleration or LINE_GAIN
+                values = {"VEL_CP": rounded_down(min(speed, FASTEST_LINE))}
+                values["ACC_CP"] = rounded_down(min(gain, LARGEST_GAIN))
+            items += [f"  BAS(#{what},{value})" for what, value in values.items() if stated.get(what) != value]
+            stated |= values
             items.append(step)
         return items
 
     def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
         """See :meth:`Dialect.completed`."""
-        steps, values, passing = list[Step](), {"distance": 0.0, "percent": 0.0, "speed": 0.0}, False
+        steps, values, passing = list[Step](), dict[str, float](), False
         for item in items:
             where = f"line {item.line}"
             if isinstance(item, Setting):
@@ -97,15 +103,17 @@ class Krl(Dialect):
                 continue
             if isinstance(item, JointMove | LinearMove):
                 passing = item.blend is not None
-                if passing and not values["distance"]:
+                if passing and "distance" not in values:
                     raise TrajectoryError(source, "$APO.CDIS must be stated before a blend", where)
                 item = replace(item, blend=Blend(values["distance"], 0.5) if passing else None)
             if isinstance(item, JointMove):
-                item = replace(item, percent=int(values["percent"]) or None)
+                percent, gain = (int(values.get(name, 0)) or None for name in ("percent", "gain"))
+                item = replace(item, percent=percent, gain=gain)
             elif isinstance(item, LinearMove):
-                if not values["speed"]:
-                    raise TrajectoryError(source, "BAS(#VEL_CP,..) must be before a linear move", where)
-                item = replace(item, speed=values["speed"])
+                if not {"speed", "acceleration"} <= set(values):
+                    reason = "BAS(#VEL_CP,..) and BAS(#ACC_CP,..) must be before a linear move"
+                    raise TrajectoryError(source, reason, where)
+                item = replace(item, speed=values["speed"], acceleration=values["acceleration"])
             steps.append(item)
         return steps
 
@@ -124,18 +132,16 @@ class Krl(Dialect):
             if step.pose is None:
                 raise InputError("a linear move in krl needs the pose at its end")
             base = step.pose if heading.frame is None else heading.frame.pose.inverse() * step.pose
-            return [*_xyzabc(base), *(heading.external_of(step) if heading.external else ())]
+            return [*_xyzabc(in_degrees(base)), *(heading.external_of(step) if heading.external else ())]
 
         def reached(values: Sequence[float]) -> dict[str, Any]:
-            place = _frame_of(values[:6])
+            place = from_degrees(_xyzabc(values[:6]))
             place = place if heading.frame is None else heading.frame.pose * place
             return {"pose": place, "external": heading.external_from(values[6:]) if heading.external else None}
 
-        tcp = numbers("tcp", FRAME, lambda step: _xyzabc(step.tcp), _frame_of, 6)
-        base = numbers("pose", FRAME, lambda step: _xyzabc(step.pose), _frame_of, 6)
         declared = [
-            (heading.tool_name, ToolData, "$TOOL=@@@", (tcp, tool_load(f"\n$LOAD={LOAD}", 1e3, 6))),
-            (heading.frame_name, UserFrame, "$BASE=@@", (base,)),
+            (heading.tool_name, ToolData, "$TOOL=@@@", (_frame("tcp"), tool_load(f"\n$LOAD={LOAD}", 1e3, 6))),
+            (heading.frame_name, UserFrame, "$BASE=@@", (_frame("pose"),)),
         ]
         return [
             Form(Setting, "BAS(#INITMOV,0)", (), 0),
@@ -147,7 +153,9 @@ class Krl(Dialect):
             Form(JointMove, "PTP @@", (axes, BLENDED)),
             Form(LinearMove, "LIN @@", (numbers("", FRAME[:-1] + outer + "}", target, reached, 5), BLENDED)),
             Form(Setting, "BAS(#VEL_PTP,@)", (_setting("percent", 100.0, 1.0, r"[1-9]\d*"),)),
+            Form(Setting, "BAS(#ACC_PTP,@)", (_setting("gain", 100.0, 1.0, r"[1-9]\d*"),)),
             Form(Setting, "BAS(#VEL_CP,@)", (_setting("speed", FASTEST_LINE, 1.0),)),
+            Form(Setting, "BAS(#ACC_CP,@)", (_setting("acceleration", LARGEST_GAIN, 1.0),)),
             Form(Setting, "$APO.CDIS=@", (_setting("distance", 1e3, 1e3),)),
             Form(SetLoad, "$LOAD=@", (heading.carried(LOAD, 1e3, 6),)),
             *self.common_forms(
@@ -163,14 +171,18 @@ class Krl(Dialect):
         ]
 
 
-def _xyzabc(transform: SE3) -> list[float]:
-    """Millimetres and degrees about Z, Y and X."""
-    x, y, z, *rpy = xyz_rpy(transform)
-    return [1e3 * x, 1e3 * y, 1e3 * z, *np.rad2deg(rpy[::-1])]
+def _xyzabc(values: Sequence[float]) -> Sequence[float]:
+    """Millimetres, and degrees about Z, Y and X in the order of X, Y and Z; and back."""
+    return [*values[:3], *values[5:2:-1]]
 
 
-def _frame_of(values: Sequence[float]) -> SE3:
-    return pose(np.array(values[:3]) / 1e3, np.deg2rad(values[5:2:-1]))
+def _frame(name: str) -> Field:
+    """The field of a pose."""
+
+    def values(step: ToolData | UserFrame) -> Sequence[float]:
+        return _xyzabc(in_degrees(getattr(step, name)))
+
+    return numbers(name, FRAME, values, lambda v: from_degrees(_xyzabc(v)), 6)
 
 
 def _setting(name: str, largest: float, unit: float, pattern: str = NUMBER) -> Field:

@@ -60,7 +60,7 @@ class Rapid(Dialect):
     outputs = "do_gripper"
     zones = tuple(Blend(LARGER * radius / 1e3, 0.5, 1.0 / LARGER) for radius in reversed(RADII.values()))
     deviation = 0.002
-    signals, signal_kind = NAME, "names, such as do_gripper"
+    signals, signal_kind = NAME, "names, such as do_gripper or di_part"
     remark = ("! ", "")
     required = (ROUTINE,)
     indent = "    "

@@ -44,9 +44,11 @@ def check_export(arm: Arm, picks: Picks, language: str) -> dict[str, str]:
         raise InputError(f"{language}: picks need digital outputs; use urscript, rapid, krl or fanuc")
     if picks.program.main:
         dialect.main(())
+    if picks.program.input is not None:
+        dialect.checked_signal("input", picks.program.input)
     flange_of(arm, picks)
     if picks.program.frame is not None and picks.program.frame not in picks.frames:
-        raise UnknownNameError("frame", picks.program.frame, picks.frames)
+        raise UnknownNameError("frame", picks.program.frame, picks.frames, f"program of {picks.source or 'the picks'}")
     external = external_joints(arm, picks.program.external_axes)
     if reason := dialect.refuses(arm, external):
         raise InputError(reason)
@@ -60,7 +62,7 @@ def flange_of(arm: Arm, picks: Picks) -> str:
     stated = picks.program.flange
     if stated is not None:
         if stated not in links:
-            raise UnknownNameError("link", stated, links)
+            raise UnknownNameError("link", stated, links, f"program.flange of {picks.source or 'the picks'}")
         if links[stated] != joint:
             raise InputError(f"program.flange: the last joint does not move the link {stated!r}")
         return stated

@@ -21,6 +21,7 @@ from pinproof.collision import (
     CertificateStatus,
     EndLine,
     ExecutedPart,
+    arm_faults,
     blended_moves,
     executed_parts,
     is_proven_free,
@@ -29,7 +30,6 @@ from pinproof.collision import (
     program_motions,
     speed_violations,
     timed_step,
-    tool_fault,
     trace_line,
     traced,
     unknown_speeds,
@@ -184,6 +184,7 @@ def export_picks(
         tool=tool,
         frame=user_frame(setup),
         external_joints=external,
+        calibrations=setup.checker.arm.robot.calibrations,
     )
     # The largest deviation that is proven, if none is stated
     usual = find_dialect(dialect).deviation
@@ -448,11 +449,13 @@ class PickMoves:
 
         def slower(number: int, profile: Profile, excess: float, *, speed: bool) -> None:
             """Move at a lower speed, or take a longer time if only that can be stated, or is needed."""
-            states = language.cruises or names[number] not in FREE_MOTIONS
+            states, longer = language.cruises or names[number] not in FREE_MOTIONS, SLOWER * excess
             if excess > 1.0 and ((speed and states) or not language.times):
-                own[number] = replace(own[number], top=profile.peak / (SLOWER * excess))
+                own[number] = replace(own[number], top=profile.peak / longer)
+                if not speed and (gain := float(profile.gains.max(initial=0.0))):
+                    own[number] = replace(own[number], gain=gain / longer**2)
             elif excess > 1.0:
-                own[number] = replace(own[number], duration=SLOWER * excess * profile.duration)
+                own[number] = replace(own[number], duration=longer * profile.duration)
 
         for k, stage in enumerate(names) if any(rates.values()) else ():
             for each in (others, speeds):
@@ -678,7 +681,8 @@ def certify_picks_program(
     ]
     beyond = [*outside_limits(program, arm, traces), *speed_violations(program, arm, traces)]
     too_fast = "; ".join(beyond)
-    fault = too_fast or "; ".join([*untraced, *overlapping, *filter(None, [tool_fault(program, arm)])])
+    foreign = list(arm_faults(program, arm))
+    fault = too_fast or "; ".join([*foreign, *untraced, *overlapping])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
     # Remarks, loads and checks of a sensor, after which the program continues or ends, move nothing
     steps = [step for step in program.steps if not isinstance(step, Remark | SetLoad | CheckInput)]
@@ -772,7 +776,7 @@ def certify_picks_program(
             )
         if fault:
             wrong = partial(replace, status=status, clearance=math.nan, message=fault)
-            proofs = tuple(wrong(proof) if too_fast or untraced or proof.free else proof for proof in proofs)
+            proofs = tuple(wrong(proof) if too_fast or untraced or foreign or proof.free else proof for proof in proofs)
         certificates.append(proofs)
         exact = [records[key].name for key, proof in zip(executed.motions, proofs, strict=True) if proof.partings]
         if program.deviation > 0 and exact:

@@ -174,6 +174,16 @@ def test_short_legs_share_what_there_is():
     assert np.abs(smooth(np.linspace(*smooth.domain, 2001))[:, 1]).max() <= 0.02 + 1e-12
 
 
+def test_a_rounding_may_end_at_a_waypoint_that_is_no_corner():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        corner, away = rng.uniform(-0.2, 0.2, 2), rng.uniform((0.1, -0.5), (0.5, 0.5))
+        path, checker, _ = on_plane((-0.9, 0.1), corner, corner + 0.3 * away, corner + away)
+        smooth = pp.blend(path, checker, deviation=0.5)
+        assert smooth.corners == ()
+        assert_same_ends(smooth, path)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_random_corners_are_missed_by_no_more_and_share_their_segments(seed):
     """Segments of very different lengths, without obstacles: no corner is a stop, and none deviates too far."""

@@ -311,6 +311,8 @@ class BlendedPath(BezierCurve):
                 share = np.linspace(0.0, 1.0, 6)[:, None]
                 pieces.append(here * (1.0 - share) + there * share)
                 widths.append(rest[i])
+            elif pieces:
+                pieces[-1][-1] = there  # exactly the start of the next piece
             if reach[i + 1]:
                 away = directions[i + 1]
                 if np.linalg.norm(towards + away) < REVERSAL:

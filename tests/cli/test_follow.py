@@ -112,6 +112,7 @@ def test_a_campaign_follows_each_path_by_itself(run: Cli) -> None:
     [
         (("job.json", "--campaign", "out", "-o", "report.json"), ("--campaign", "-o")),
         (("job.json", "--workers", "2"), ("--campaign",)),
+        (("job.json", "--program", "out.mod", "--suggestions", "3"), ("--suggestions",)),
         (("job.json", "--program", "out.mod"), ("out.mod",)),
         (("jobb.json",), ("jobb.json", "job.json")),
         (("job.json", "--export", "rapd", "-o", "out"), ("rapd", "rapid")),

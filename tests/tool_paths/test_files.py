@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.errors import ToolPathError
+from pinproof.errors import FileError, ToolPathError
 from pinproof.tool_paths import Stroke, ToolJob, ToolPath, read_tool_paths
 
 SQUARE = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0], [0, 0, 0]]
@@ -152,6 +152,20 @@ def test_an_unknown_frame_is_named_with_the_valid_ones(tmp_path):
     job = job_of(tmp_path, {"points": SQUARE, "normals": UP}, frame="tabel", frames={"table": {}})
     with pytest.raises(ToolPathError, match=r"line 1, column \d+, key frame: unknown frame 'tabel'; valid: table"):
         job.placed(job.load_checker())
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("redundant", {"elbow": [0.1]}, "unknown redundant joint 'elbow'"),
+        ("home", {"elbow": 0.1}, "names elbow"),
+        ("part", [{"name": "part", "sphere": {"radius": 0.1}}], "no joint moves this frame"),
+    ],
+)
+def test_what_needs_the_robot_to_be_checked_is_refused_with_its_line(tmp_path, key, value, words):
+    job = job_of(tmp_path, {"points": SQUARE, "normals": UP}, **{key: value})
+    with pytest.raises(FileError, match=rf"line 1, column \d+, key {key}: .*{words}"):
+        pp.tool_paths.follow_job(job)
 
 
 def test_a_tip_is_added_to_an_arm_whose_fingers_follow_each_other(tmp_path):

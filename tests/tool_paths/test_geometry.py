@@ -131,6 +131,19 @@ def test_a_hole_splits_the_strokes_of_a_raster():
         assert np.abs(between[..., 2] - 0.01).max() < 1e-12
 
 
+def test_what_another_part_covers_does_not_belong_to_a_raster():
+    """A plate below a shorter one: its lines are those that are seen beside it; a face that is stated is seen alone."""
+    upper = trimesh.creation.box((0.1, 0.1, 0.01), np.array(pp.pose((0.0, 0.0, 0.03)).homogeneous))
+    stacked = trimesh.util.concatenate([trimesh.creation.box((0.2, 0.1, 0.01)), upper])
+    strokes = raster(stacked, direction=X, spacing=0.02, margin=0.0, joined=False)
+    ends = np.array([points_of(own)[[0, -1]] for own in strokes])
+    lower = ends[np.isclose(ends[:, 0, 2], 0.005)]
+    assert (len(ends), len(lower)) == (15, 10)
+    assert np.sort(np.abs(lower[:, :, 0]), axis=1) == pytest.approx(np.tile([0.05, 0.1], (10, 1)))
+    top = int(np.flatnonzero((stacked.face_normals[:, 2] > 0.9) & (stacked.triangles_center[:, 2] < 0.01))[0])
+    assert len(raster(stacked, direction=X, spacing=0.02, margin=0.0, joined=False, face=top)) == 5
+
+
 def test_the_contour_of_a_face_is_a_closed_loop_around_it():
     (stroke,) = contour(BOX, normal=UP, speed=0.05)
     points = points_of(stroke)

@@ -67,6 +67,8 @@ def test_a_job_that_no_placement_allows_names_the_places(job):
     assert found.least_failing.good == 0
     with pytest.raises(pp.InputError, match="moves with the base"):
         place_job(replace(job, frame="base_link"), far, placement_budget=TINY)
+    with pytest.raises(pp.InputError, match="placement_budget"):
+        place_job(job, far, placement_budget=4)
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +113,17 @@ def test_the_rows_of_a_campaign_are_those_of_each_path_alone(many, tmp_path):
         campaign.run(tmp_path / "again", executor=ThreadPoolExecutor(1), chunk=1, progress=stop)
     assert path_campaign(many).run(tmp_path / "again", executor=ThreadPoolExecutor(1)).resumed >= 2
     assert (tmp_path / "again" / "rows.jsonl").read_bytes() == first
+
+
+def test_the_page_of_a_campaign_shows_every_path_with_its_verdict(many, tmp_path):
+    few = path_campaign(replace(many, strokes=(many.strokes[0], many.strokes[5])))
+    result = few.run(tmp_path / "out", executor=ThreadPoolExecutor(1))
+    few.write_page(result, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    for row, verdict in zip(result.rows(), ("good", "not found"), strict=True):
+        assert row["verdict"] == verdict
+        assert f"<td>{row['name']}</td><td>{verdict}</td>" in page
+    assert "cannot be passed" in page
 
 
 def test_a_campaign_with_other_settings_or_paths_is_refused(many, tmp_path):

@@ -214,6 +214,6 @@ def run_campaign(
             f"{result.to_retry:,} {campaign.items} crashed their workers; run the same command again to retry them"
         )
     if page is not None:
-        result.save(page)
+        campaign.write_page(result, page)
     lines += [*(f"not covered: {note}" for note in result.notes), *written(result.path, page)]
     print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)

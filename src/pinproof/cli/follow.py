@@ -63,9 +63,10 @@ def follow(
     lifts: int | None = option(
         "How often the tool may be lifted within a path. Default: that of the file.", None, min=0
     ),
-    suggestions: int = option(
-        "How many changed paths are followed for each stroke without a motion, to suggest a change; 0 for none.",
-        12,
+    suggestions: int | None = option(
+        "How many changed paths are followed for each stroke without a motion, to suggest a change; 0 for none. "
+        "Default: 12.",
+        None,
         min=0,
     ),
     pool: WorkerOptions,
@@ -79,8 +80,13 @@ def follow(
 
     Example: pinproof follow robots/ur5/weld_seam.yaml -o weld
     """
-    if (program is not None) + (campaign is not None) + (out.stated or html is not None) > 1:
-        raise InputError("--program and --campaign have no report; remove -o, --save, --html and --export")
+    reported = out.stated or (html is not None and campaign is None)
+    if (program is not None) + (campaign is not None) + reported > 1:
+        raise InputError(
+            "--program and --campaign have no report; remove -o, --save, --export, and --html, which --campaign has"
+        )
+    if suggestions is not None and (program is not None or campaign is not None):
+        raise InputError("--suggestions is not for --program and --campaign, which suggest no changes; remove it")
     if out.process_dwell and out.export is None:
         raise InputError("--process-dwell needs --export")
     if pool.stated and campaign is None:
@@ -100,7 +106,7 @@ def follow(
     # Other work than following all paths by one motion
     if campaign is not None:
         paths = pp.tool_paths.path_campaign(job, checker=checker, rng=seed)
-        run_campaign(paths, campaign, pool, as_json=as_json)
+        run_campaign(paths, campaign, pool, html, as_json=as_json)
         return
     if program is not None:
         with progress_status(f"certifying {program}"):
@@ -113,7 +119,8 @@ def follow(
         print_result(data, lines, as_json=as_json, ok=proof.free)
         return
     with progress_status(f"following {file}"):
-        report = pp.tool_paths.follow_job(job, checker=checker, suggestions=suggestions, rng=seed, colour=out.colour)
+        tried = 12 if suggestions is None else suggestions
+        report = pp.tool_paths.follow_job(job, checker=checker, suggestions=tried, rng=seed, colour=out.colour)
     # The files before the answer, which names them; a motion that is not proven is no motion
     files = list[Path]()
     made = None

@@ -4,24 +4,67 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pinproof.collision import CollisionChecker
+from pinproof.common import theme
 from pinproof.common.content_hash import digest
+from pinproof.common.results import Rows
 from pinproof.common.validation import require_integer
 from pinproof.ik import prove_unreachable
-from pinproof.picks import ItemCampaign, PickStatus
+from pinproof.picks import CampaignResult, ItemCampaign, PickStatus
+from pinproof.spatial import Array
 from pinproof.tool_paths.files import ToolJob
 from pinproof.tool_paths.following import follow
+from pinproof.tool_paths.pictures import SIZE
 from pinproof.tool_paths.result import Obstruction
+from pinproof.tool_paths.rungs import PathArm
 from pinproof.tool_paths.search import ROUNDED
 from pinproof.tool_paths.strokes import Stroke
 
 # Largest numbers of blocked poses of a path that are tried to be proven out of reach, and of boxes of each proof.
 PROVEN, BOXES = 4, 2000
+# Numbers of paths and of points of all paths on a page.
+SHOWN, POINTS = 500, 8000
 
 
-def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng: int = 0) -> ItemCampaign:
+class PathCampaign(ItemCampaign):
+    """A campaign over strokes, each of which is followed by itself; see :func:`path_campaign`."""
+
+    def __init__(self, setup: PathSetup, source: StrokeList) -> None:
+        super().__init__(setup, source, judge_path, items="paths")
+        self._settings = setup.settings
+
+    def write_page(self, result: CampaignResult, path: str | Path) -> None:
+        """Write an HTML page with the paths, red where they cannot be passed, and a table of the first rows."""
+        from pinproof.viewer import ColouredPoints, write_html
+
+        checker, strokes = self._setup.checker, self._source.part(0, SHOWN)
+        arm = PathArm.of(checker.group, *(self._settings.get(name) for name in ("frame", "arm"))).arm
+        root = checker.group.root_from_frame(checker.group.home, arm.base).homogeneous
+        colours = {name: np.array(theme.rgb(theme.COLOURS[name])) for name in ("good", "bad")}
+        points, shades, rows = list[Array](), list[Array](), list[list[object]]()
+        for row, stroke in zip(result.rows(), strokes, strict=False):
+            at = np.linspace(0.0, len(stroke.path) - 1.0, max(POINTS // min(len(self), SHOWN), 8))
+            bad = np.full(len(at), row["verdict"] != PickStatus.GOOD.value and not row.get("blocked"))
+            for part in row.get("blocked", ()):
+                bad |= (at >= part["pose"] - 0.5) & (at <= part["last"] + 0.5)
+            points.append((root @ stroke.path.at(at))[:, :3, 3])
+            shades.append(np.where(bad[:, None], colours["bad"], colours["good"]))
+            rows.append([row["name"], row["verdict"], row.get("duration"), row["reason"]])
+        legend = (("can be passed", tuple(colours["good"])), ("cannot be passed", tuple(colours["bad"])))
+        shown = ColouredPoints(np.concatenate(points), np.concatenate(shades), SIZE, legend)
+        table = Rows(("path", "verdict", "duration [s]", "reason"), rows, result.total).html(SHOWN)
+        panel = f'<section class="below"><p>{escape(result.summary)}</p>{table}</section>'
+        write_html(path, checker.group, checker.scene, attached=checker.attached, points=shown, panel=panel,
+                   title=result.summary)  # fmt: skip
+
+
+def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng: int = 0) -> PathCampaign:
     """A campaign over the strokes of a job, each of which is followed by itself, in its direction and from its start.
 
     Parameters
@@ -41,7 +84,7 @@ def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng:
     require_integer("rng", rng, 0)
     checker = job.load_checker() if checker is None else checker
     setup = PathSetup(checker, {**job.options, "rng": rng})
-    return ItemCampaign(setup, StrokeList(job.placed(checker)), judge_path, items="paths")
+    return PathCampaign(setup, StrokeList(job.placed(checker)))
 
 
 @dataclass(frozen=True, eq=False)

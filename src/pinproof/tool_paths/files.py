@@ -18,7 +18,7 @@ from pinproof.common import structs as st
 from pinproof.common.files import read_yaml, unknown_suffix
 from pinproof.common.results import Rows, Shown, View
 from pinproof.description import MESH_SUFFIXES, moved_by, with_frame
-from pinproof.errors import InputError, ToolPathError
+from pinproof.errors import InputError, NoClosedForm, ToolPathError
 from pinproof.model import Arm, JointGroup, JointLimits
 from pinproof.picks import SETTINGS, Picks, checker_of_picks, read_settings, root_from_frame
 from pinproof.spatial import SE3
@@ -26,7 +26,7 @@ from pinproof.tool_paths.geometry import Contour, Raster, paths_on
 from pinproof.tool_paths.machine_code import read_gcode
 from pinproof.tool_paths.path import LONGEST_LINE, ToolPath
 from pinproof.tool_paths.path_files import SUFFIXES, PathPoints, as_many, read_points, read_table
-from pinproof.tool_paths.rungs import COSTS, FollowCosts
+from pinproof.tool_paths.rungs import COSTS, FollowCosts, PathArm, redundant_axes
 from pinproof.tool_paths.strokes import Stroke, strokes_of
 
 READERS: dict[str, Callable[[Path, Any, str], list[tuple[ToolPath, bool]]]] = {
@@ -249,7 +249,7 @@ class ToolJob(Shown):
         if moving is not None:
             tool += [replace(body, pose=moving[1] * body.pose, arm="part") for body in self.part]
         elif self.part:
-            raise InputError("part has bodies that move with the frame of the paths, but no joint moves this frame")
+            raise self._at("part", "has bodies that move with the frame of the paths, but no joint moves this frame")
         return checker_of_picks(arm, scene, replace(self.settings, tool=tool))
 
     def base_from_frame(self, checker: CollisionChecker) -> SE3:
@@ -260,10 +260,15 @@ class ToolJob(Shown):
         try:
             root_from_paths = root_from_frame(self.frame, self.settings.frames, checker.scene, arm)
         except InputError as error:
-            if self.source is None or "frame" not in self.settings.places:
-                raise
-            raise ToolPathError(self.source, str(error), self.settings.places["frame"]) from error
+            raise self._at("frame", str(error)) from error
         return arm.root_from_base.inverse() * root_from_paths
+
+    def _at(self, key: str, reason: str) -> InputError | ToolPathError:
+        """The error of a key, with its line in the file if there is one."""
+        place = self.settings.places.get(key)
+        return InputError(f"{key}: {reason}") if self.source is None or place is None else (
+            ToolPathError(self.source, reason, place)
+        )  # fmt: skip
 
     def placed(self, checker: CollisionChecker) -> tuple[Stroke, ...]:
         """The strokes as :func:`pinproof.follow` takes their paths with :attr:`options`.
@@ -271,6 +276,14 @@ class ToolJob(Shown):
         They are in the base frame of the arm, or in the frame of the link that carries them if joints move it.
         """
         placement = self.base_from_frame(checker)
+        if isinstance(self.redundant, dict):
+            frame, name = (self.carrier[0], "tool") if self.carrier else (None, None)
+            try:
+                redundant_axes(PathArm.of(checker.group, frame, name), self.redundant)
+            except NoClosedForm:  # the values are not used
+                pass
+            except InputError as error:
+                raise self._at("redundant", str(error)) from error
         return tuple(stroke.transformed(placement) for stroke in self.strokes)
 
     def _view(self) -> View:

@@ -276,7 +276,8 @@ def _inset(points: Array, normals: Array, inset: float, edges: list[Chain]) -> C
 class Raster:
     """Parallel lines along a surface, each in the direction opposite to the one before, joined to a zigzag.
 
-    Holes and edges divide it into several strokes.
+    Holes and edges divide it into several strokes. What other parts of the surface cover, seen along ``normal``, does
+    not belong to it; state ``face`` for a part that is covered.
     """
 
     direction: st.Direction = st.key("the direction of the lines")
@@ -323,8 +324,8 @@ class Raster:
         for row, place in enumerate(places):
             sign = -1.0 if row % 2 else 1.0
             lines = []
-            for points, normals in surface.section(place * aside, aside, inside):
-                forward = sign * float((points[-1] - points[0]) @ along) > 0.0
+            for points, normals in _seen(surface.section(place * aside, aside, inside), along, normal):
+                forward = sign > 0.0
                 cut = _shortened(points if forward else points[::-1], normals if forward else normals[::-1], margin)
                 if cut is not None:
                     lines.append(cut)
@@ -356,6 +357,30 @@ def _lengths(points: Array) -> Array:
 def _at(rows: Array, places: Array, values: Array) -> Array:
     """(m, 3) values (k, 3) at places (k,) of a line, between them at others (m,)."""
     return np.column_stack([np.interp(rows, places, column) for column in values.T])
+
+
+def _seen(lines: list[Chain], along: Array, up: Array) -> list[Chain]:
+    """The parts of lines in one plane that no other one covers, as seen from above, in the direction ``along``.
+
+    The height of each line is a function of the place along it, because the surface is not steep.
+    """
+    lines = [line if (line[0][-1] - line[0][0]) @ along > 0.0 else (line[0][::-1], line[1][::-1]) for line in lines]
+    if len(lines) < 2:
+        return lines
+    graphs = [(points @ along, points @ up) for points, _ in lines]
+    seen = []
+    for (points, normals), (own, heights) in zip(lines, graphs, strict=True):
+        # Between the places of the points of all lines, each one is straight
+        cuts = np.unique(np.concatenate([at for at, _ in graphs]).clip(own[0], own[-1]))
+        middles = 0.5 * (cuts[1:] + cuts[:-1])
+        height = np.interp(middles, own, heights)
+        others = [np.interp(middles, at, other, left=-np.inf, right=-np.inf) for at, other in graphs]
+        visible = np.max(others, axis=0) <= height + CLOSE
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], visible, [False]]).astype(int)))
+        for low, high in cuts[ends].reshape(-1, 2):
+            rows = np.concatenate([[low], own[(own > low + CLOSE) & (own < high - CLOSE)], [high]])
+            seen.append((_at(rows, own, points), _at(rows, own, normals)))
+    return seen
 
 
 def _shortened(points: Array, normals: Array, margin: float) -> Chain | None:

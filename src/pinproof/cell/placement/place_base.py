@@ -41,7 +41,7 @@ from pinproof.cell.placement.screening import (
 from pinproof.collision import Scene
 from pinproof.common.content_hash import code_here, digest
 from pinproof.common.structs import key, struct
-from pinproof.common.validation import refuse_repeated, require_integer
+from pinproof.common.validation import refuse_repeated, require_integer, require_type
 from pinproof.errors import InputError, RunInterrupted, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks import Pick, PickBudget, PickCell, Picks, PickWeights, check_held_joints, checker_of_picks
@@ -149,7 +149,8 @@ def place_base(
         raise UnknownNameError("objective", objective, OBJECTIVES)
     require_integer("rng", rng, 0)
     refuse_repeated("choices", (choice.name for choice in choices))
-    effort = placement_budget or PlacementBudget()
+    effort = PlacementBudget() if placement_budget is None else placement_budget
+    require_type("placement_budget", effort, PlacementBudget)
     if effort.runs and effort.evaluations and len(region.free_axes) > 1:
         evolution_strategy()  # refused before the grid is screened, if it is not installed
     # one search over all alternatives

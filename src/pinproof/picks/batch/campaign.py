@@ -536,6 +536,10 @@ class ItemCampaign:
     def __len__(self) -> int:
         return len(self._source)
 
+    def write_page(self, result: CampaignResult, path: str | Path) -> None:
+        """Write the page of a result of this campaign."""
+        result.save(path)
+
     def header(self) -> dict[str, Any]:
         """The first line of the file of rows: the identity of the campaign, and what its verdicts do not cover."""
         checker = self._setup.checker

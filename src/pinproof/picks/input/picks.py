@@ -421,7 +421,7 @@ class Picks(RobotAndHand, Shown):
 
         Raises
         ------
-        InputError
+        InputError, PicksError
             If the file states only some of the joints, or a joint that the arm does not have.
         """
         names = list(joint_names)
@@ -429,8 +429,12 @@ class Picks(RobotAndHand, Shown):
             return [float(value) for value in default]
         missing, foreign = [n for n in names if n not in self.home], [n for n in self.home if n not in names]
         if missing or foreign:
-            what = f"lacks {', '.join(missing)}" if missing else f"names {', '.join(foreign)}"
-            raise InputError(f"the home of the picks {what}; the arm's joints are {', '.join(names)}")
+            stated = (("lacks", missing), ("names", foreign))
+            what = " and ".join(f"{verb} {', '.join(joints)}" for verb, joints in stated if joints)
+            reason = f"the home {what}; the arm's joints are {', '.join(names)}"
+            if self.source is None or "home" not in self.places:
+                raise InputError(reason)
+            raise PicksError(self.source, reason, self.places["home"])
         return [float(self.home[name]) for name in names]
 
 
@@ -484,7 +488,8 @@ def read_settings(content: LinedMapping, path: Path) -> Picks:
 
 def _places(content: LinedMapping) -> dict[str, str]:
     """The positions of what can be checked only together with the robot."""
-    places = {name: content.place(name) for name in ("robot", "tcp", "xacro_args", "frame") if name in content}
+    names = ("robot", "tcp", "xacro_args", "home", "frame", "part", "redundant")  # of jobs of tool paths too
+    places = {name: content.place(name) for name in names if name in content}
     for name in ("xacro_args", "held", "windings"):
         inner = content.get(name)
         if isinstance(inner, LinedMapping):

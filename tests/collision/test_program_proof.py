@@ -478,6 +478,24 @@ def test_a_linear_move_that_rotates_an_external_axis_is_not_traced() -> None:
         assert "external axis" in trace_line(arm, start, end, start[:1] + by).reason
 
 
+@pytest.mark.parametrize("dialect", ["rapid", "krl", "fanuc"])
+def test_a_rail_may_be_at_its_end_and_a_turntable_at_any_angle_on_a_linear_move(dialect: str) -> None:
+    outer = (
+        '<link name="ground"/><link name="table"/><joint name="rail" type="prismatic"><parent link="ground"/>'
+        '<child link="table"/><axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="1"/></joint>'
+        '<joint name="table" type="revolute"><parent link="table"/><child link="world"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>'
+    )
+    arm = pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", outer)).arm(tcp="tool0")
+    start = np.array([1.4, 0.3012345, *BENT])
+    end = arm.forward_kinematics(start) * pp.pose((0.02, -0.01, 0.06), (0.0, 0.1, 0.05))
+    there = trace_line(arm, start, end, np.array([1.5, start[1]])).path.end
+    steps = [JointMove(start), LinearMove(there, end, duration=4.0, speed=0.02)]
+    axes = {"rail": "mm", "table": "deg"}
+    certificate = certified(steps, pp.CollisionChecker(arm), dialect, external_joints=axes, deviation=0.0005)
+    assert certificate.free, certificate.message
+
+
 def test_a_rail_that_is_moved_in_a_text_is_traced_again(on_rail: pp.Arm) -> None:
     arm = on_rail
     start = np.array([0.3, *BENT])

@@ -132,7 +132,9 @@ class Krl(Dialect):
             if step.pose is None:
                 raise InputError("a linear move in krl needs the pose at its end")
             base = step.pose if heading.frame is None else heading.frame.pose.inverse() * step.pose
-            return [*_xyzabc(in_degrees(base)), *(heading.external_of(step) if heading.external else ())]
+            # External axes have the digits of `PTP`: a turntable that rests has the same text
+            outer = np.round(heading.external_of(step), 4) if heading.external else ()
+            return [*_xyzabc(in_degrees(base)), *outer]
 
         def reached(values: Sequence[float]) -> dict[str, Any]:
             place = from_degrees(_xyzabc(values[:6]))

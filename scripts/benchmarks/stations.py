@@ -2,9 +2,9 @@
 
 The stations are described by the numbers that their authors publish: P. Huang, Y. Shaoul, J. Li (2025), "Benchmarking
 Shortcutting Techniques for Multi-Robot-Arm Motion Planning", arXiv 2508.05027, for the Pandas on a table of 2 m, and
-the URDF of the two Yaskawa GP4 in intelligent-control-lab/Robot_Digital_Twin (config/gazebo_dual_gp4.urdf), which their
-environment loads. Its meshes are not part of the description here; cylinders of our choice replace them. The two iiwa
-arms are the robots of A. Amice, P. Werner, R. Tedrake (2023), arXiv 2310.16603, who certify edges of them.
+the URDF of two Yaskawa GP4 in intelligent-control-lab/Robot_Digital_Twin (config/gazebo_dual_gp4.urdf), whose name is
+that of their environment. Its meshes are not part of the description here; cylinders of our choice replace them. The
+two iiwa arms are the robots of A. Amice, P. Werner, R. Tedrake (2023), arXiv 2310.16603, who certify edges of them.
 Starts and goals are ours: random free configurations of all arms whose straight connection is in collision.
 """
 

@@ -3,6 +3,7 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +50,23 @@ def test_poses_are_the_same_after_yaml():
     for text, expected in zip(texts, poses, strict=True):
         fields = yaml.safe_load(f"{{{text}}}")
         assert pp.pose(xyz=fields["xyz"], rpy=fields.get("rpy", (0, 0, 0))).isApprox(expected, 3e-6)
+
+
+def test_a_joint_with_one_limit_is_outside_beyond_it():
+    arm = pp.load_robot(ROBOT).arm("tip")
+    lower, upper = np.array([-np.inf, -1.0]), np.array([1.0, np.inf])
+    web = WebCell.of(pp.CollisionChecker(arm.with_limits(replace(arm.limits, lower=lower, upper=upper)))).settings
+    figures = "(web, all) => all.map((q) => figuresOf(web, { manipulability: [0.25] }, q).split('. ')[0])"
+    shown = ["Outside its limits: turn", "Outside its limits: bend", "Nearest limit: turn, 28.6\u00b0"]
+    assert in_node(figures, web, [[2.5, 0.0], [-9.0, -1.1], [0.5, 9.0]]) == shown
+
+
+def test_a_joint_at_its_limit_is_within_it_after_the_text_is_read():
+    limits = [np.pi, 2.0944, 2.0943951023931953, -2 * np.pi, 0.0001234567]
+    texts = in_node("(all) => all.map(short)", limits)
+    assert np.allclose([float(text) for text in texts], limits, rtol=0.0, atol=6e-10)
+    limit = pp.JointLimits([-limits[0]], [limits[0]], [1.0])
+    assert limit.violations(limit.snap(np.array([float(texts[0])])), ["turn"]) == []
 
 
 def test_joints_without_limits_are_never_outside_them():

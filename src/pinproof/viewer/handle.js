@@ -19,7 +19,7 @@ const isPose = (pose) => Math.abs(pose.determinant() - 1) < 1e-3 && pose.element
 const escaped = (name) => JSON.stringify(name).replace(/[\x7f-\x9f\u2028\u2029\ufeff]/g, (c) => "\\u" + c.charCodeAt(0).toString(16).padStart(4, "0"));  // no YAML
 const plain = (name) => /^(?!(?:y|n|yes|no|on|off|true|false|null)$)[a-z_][\w.-]*$/i.test(name) ? name : escaped(name);
 const quoted = (text) => /^\w[\w./-]*$/.test(text) ? text : "'" + text.replaceAll("'", "'\\''") + "'";
-const short = (v) => String(Number(v.toFixed(6)) || 0);
+const short = (v) => String(Number(v.toFixed(9)) || 0);  // a joint at its limit is within it when the text is read again
 const poseText = (matrix, full = false) => {
   const v = valuesOf(matrix), rpy = v.slice(3).map((x) => short(x * DEGREE));
   return "xyz: [" + v.slice(0, 3).map((x) => short(x / 1000)).join(", ") + "]" + (!full && rpy.every((x) => x === "0") ? "" : ", rpy: [" + rpy.join(", ") + "]");

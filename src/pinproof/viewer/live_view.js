@@ -11,7 +11,9 @@ function placeFrames(names, poses) {
   });
 }
 
-const outsideLimits = (web, q) => web.joints.filter((joint, k) => joint.limited && (q[k] < joint.lower - 1e-9 || q[k] > joint.upper + 1e-9));
+/** How far a value is inside the limits of its joint, of which either may be missing. */
+const insideBy = ({ limits: [lower, upper] }, value) => Math.min(value - (lower ?? -Infinity), (upper ?? Infinity) - value);
+const outsideLimits = (web, q) => web.joints.filter((joint, k) => insideBy(joint, q[k]) < -1e-9);
 
 /** The contacts in words, each pair of names once, and what is stated: these or the closest pair. */
 function describeContacts(web, contacts, closest) {
@@ -25,10 +27,10 @@ function describeContacts(web, contacts, closest) {
 
 /** Joints outside their limits, else the one nearest to a limit, and the manipulability of each arm. */
 function figuresOf(web, checked, q) {
-  const outside = outsideLimits(web, q), margins = web.joints.map(({ lower, upper, limited }, k) => limited ? Math.min(q[k] - lower, upper - q[k]) : Infinity);
+  const outside = outsideLimits(web, q), margins = web.joints.map((joint, k) => insideBy(joint, q[k]));
   const least = margins.indexOf(Math.min(...margins)), joint = web.joints[least];
   const distance = joint.unit === "rad" ? (margins[least] / DEGREE).toFixed(1) + "\u00b0" : millimetres(margins[least]);
-  const limits = outside.length ? "Outside its limits: " + outside.map(({ name }) => name).join(", ") : joint.limited ? "Nearest limit: " + joint.name + ", " + distance : "No joint limits";
+  const limits = outside.length ? "Outside its limits: " + outside.map(({ name }) => name).join(", ") : isFinite(margins[least]) ? "Nearest limit: " + joint.name + ", " + distance : "No joint limits";
   const named = web.arms.length > 1, volumes = web.arms.map(({ name }, k) => (named ? name + " " : "") + checked.manipulability[k].toPrecision(3));
   return limits + ". Manipulability: " + volumes.join(", ");
 }

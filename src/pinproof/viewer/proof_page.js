@@ -10,9 +10,9 @@
     return;
   }
   /** Whether the proof is about the motion that this page plays, at all its moments. */
-  function isOfThisMotion({ knots, control }) {
-    const n = web.q.length;
-    return web.motion.times.every((time, k) => {
+  function isOfThisMotion({ joint_names: names, knots, control }) {
+    const n = web.q.length, { times } = web.motion, whole = knots[0] <= times[0] && knots[knots.length - 1] >= times[times.length - 1] - 1e-9;
+    return whole && web.joints.every(({ name }, j) => names[j] === name) && times.every((time, k) => {
       let piece = 0;
       while (piece < control.length - 1 && knots[piece + 1] <= time) piece++;
       const u = Math.min((time - knots[piece]) / (knots[piece + 1] - knots[piece] || 1), 1);

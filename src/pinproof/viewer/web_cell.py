@@ -63,13 +63,19 @@ class WebCell:
         for number, body in enumerate(checker.bodies[own:]):
             obstacles.setdefault(body.owner, [number, 0])[1] = number + 1
         lower, upper = group.limits.sampling_range()
-        limited = (np.isfinite(group.limits.lower) & np.isfinite(group.limits.upper)).tolist()
+        limits = np.stack([group.limits.lower, group.limits.upper], axis=1).tolist()
         poses = {thing.name: matrix(thing.pose) for thing in checker.scene.obstacles}
         settings = {
             "joints": [
-                {"name": name, "lower": low, "upper": high, "limited": limited, "unit": "rad" if angular else "m"}
-                for name, low, high, limited, angular in zip(
-                    group.joint_names, lower.tolist(), upper.tolist(), limited, group.angular.tolist(), strict=True
+                {
+                    "name": name,
+                    "lower": low,  # of the slider
+                    "upper": high,
+                    "limits": [end if np.isfinite(end) else None for end in ends],
+                    "unit": "rad" if angular else "m",
+                }
+                for name, low, high, ends, angular in zip(
+                    group.joint_names, lower.tolist(), upper.tolist(), limits, group.angular.tolist(), strict=True
                 )
             ],
             "q": (group.home if q is None else q).tolist(),

@@ -31,10 +31,11 @@ const turnedInside = (web, q) => q.map((v, k) => {
 });
 const excess = (web, q) => q.map((v, k) => Math.max(web.joints[k].lower - v, v - web.joints[k].upper, 0));
 
-/** Contacts at q without those of the hand with its object. */
+/** Contacts at q without those of the hand with its object; whether these two are the closest ones is `near`. */
 function contactsAt({ model, owners, hand }, object, q) {
   const checked = model.check(q), allowed = ({ a, b }) => [[a, b], [b, a]].some(([one, other]) => owners[other] === object && hand.has(owners[one]));
-  return { ...checked, contacts: checked.contacts.filter((pair) => !allowed(pair)), closest: checked.closest && allowed(checked.closest) ? null : checked.closest };
+  const near = checked.closest !== null && allowed(checked.closest);
+  return { ...checked, near, contacts: checked.contacts.filter((pair) => !allowed(pair)), closest: near ? null : checked.closest };
 }
 
 /**
@@ -103,7 +104,7 @@ function offerPicks() {
   panel.append(state, details);
 
   // --- the cells of the hands, what was moved, and the verdicts ---
-  const cells = [], shifts = new Map();  // displacements of grasps by row
+  const cells = [], shifts = new Map(), carried = new Map();  // displacements of grasps by row, and of objects by name
   let base = new THREE.Matrix4(), row = 0, solution = 0, showing = false, chosenAnew = false, turn = 0, judged = 0, checked = null, q = [...again.hands[0].home];
   const verdicts = again.rows.map(() => /** @type {any} */ (null));
   const isMoved = () => shifts.size > 0 || !base.equals(new THREE.Matrix4());
@@ -181,10 +182,12 @@ function offerPicks() {
   }
 
   function displace(k, shift) {
-    const thing = obstacles.get(again.rows[k].object);
-    if (shift) shifts.set(k, shift);
-    else shifts.delete(k);
+    const thing = obstacles.get(again.rows[k].object), put = (map, key) => shift ? map.set(key, shift) : map.delete(key);
+    put(shifts, k);
     if (!thing) return;
+    // Picks whose poses are in the frame of the object move with it, as they do when the file of the scene is changed
+    put(carried, thing.name);
+    again.rows.forEach((own, j) => own?.frame === thing.name && put(shifts, j));
     for (const model of models()) model.move(...thing.bodies, rowsOf(shiftOf(k)));
     if (!shift) nodeOf("scene", thing.name).set_transform(matrixOf(thing.pose).toArray());
   }
@@ -230,10 +233,8 @@ function offerPicks() {
     if (byId("caption")) byId("caption").hidden = showing;  // it is that of the unchanged cell
     for (const name of ["grasps", "hidden grasps", "halo", "riders", "tcp path"]) viewer.scene_tree.find([name]).object.visible = !showing;
     arrows.visible = showing;
-    for (const [k, shift] of shifts) {
-      const thing = obstacles.get(again.rows[k].object);
-      if (thing) nodeOf("scene", thing.name).set_transform((showing ? shift.clone() : new THREE.Matrix4()).multiply(matrixOf(thing.pose)).toArray());
-    }
+    for (const [name, shift] of carried)
+      nodeOf("scene", name).set_transform((showing ? shift.clone() : new THREE.Matrix4()).multiply(matrixOf(obstacles.get(name).pose)).toArray());
   }
 
   function drawVerdicts() {
@@ -276,7 +277,8 @@ function offerPicks() {
     checked = contactsAt(cell, again.rows[row]?.object ?? null, q);
     const { touching, text } = describeContacts(cell.web, checked.contacts, checked.closest);
     const free = found?.passed === STAGES.length;
-    pair.textContent = !found?.q.length ? "" : free && touching.length ? "Convex hulls of meshes touch, the meshes do not." : text;
+    pair.textContent = !found?.q.length ? "" : free && touching.length ? "Convex hulls of meshes touch, the meshes do not."
+      : checked.near && !touching.length ? "Closest: the hand and its object, which may touch; all others are " + millimetres(checked.lower) + " apart or more" : text;
     pair.className = touching.length && !free ? "state bad" : "state";
     figures.textContent = found?.q.length ? figuresOf(cell.web, checked, q) : "";
     if (!showing) return;
@@ -349,12 +351,12 @@ function offerPicks() {
   function asYaml() {
     const lines = [];
     for (const [k, shift] of shifts) {
-      const { name, object, frame, frameAt, grasps, stated } = again.rows[k], thing = obstacles.get(object);
-      const at = frame && frame === object ? shift.clone().multiply(matrixOf(frameAt)) : matrixOf(frameAt);
-      const pose = at.invert().multiply(shift).multiply(matrixOf(grasps[0].pose));
-      if (stated) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks; other keys as before");
-      if (thing) lines.push("- {name: " + plain(object) + ", " + poseText(shift.clone().multiply(matrixOf(thing.pose)), true) + "}  # obstacles of the scene");
+      const { name, frame, frameAt, grasps, stated } = again.rows[k], moved = carried.get(frame) ?? new THREE.Matrix4();
+      const pose = moved.clone().multiply(matrixOf(frameAt)).invert().multiply(shift).multiply(matrixOf(grasps[0].pose));
+      if (stated && !moved.equals(shift)) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks; other keys as before");
     }
+    for (const [name, shift] of carried)
+      lines.push("- {name: " + plain(name) + ", " + poseText(shift.clone().multiply(matrixOf(obstacles.get(name).pose)), true) + "}  # obstacles of the scene");
     if (!base.equals(new THREE.Matrix4())) lines.push("base: {" + poseText(base, true) + "}  # from the base of this page");
     return lines.join("\n") || "# nothing was moved";
   }

@@ -76,8 +76,9 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3, external: Array | None =
     first = arm.forward_kinematics(start)
     shift, turn = target.translation - first.translation, pin.log3(first.rotation.T @ target.rotation)
     nothing = JointPath(start[None], arm.joint_names)
-    if arm.dof < 6 or not arm.angular[-6:].all():
-        return LineTrace(nothing, 0.0, "only arms whose last six joints are revolute are supported")
+    if arm.dof < 6 or not arm.angular[-6:].all() or arm.chain.has_mimic_joints:
+        what = "only arms whose last six joints are revolute, without mimic joints between base and tcp, are supported"
+        return LineTrace(nothing, 0.0, what)
     # In the axes behind the prismatic joints the tcp moves by the rest of the line
     travel = np.zeros(arm.dof)
     travel[:-6] = 0.0 if external is None else external - start[:-6]

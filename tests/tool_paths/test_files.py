@@ -87,7 +87,7 @@ def test_a_json_file_states_points_or_poses(tmp_path):
     ("name", "text", "words"),
     [
         ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,nan,0,0,0,1\n", "line 3"),
-        ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,0\n", "normal 1 has length 0"),
+        ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,0\n", "line 3: the normal has length 0"),
         ("a.csv", "x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0\n", "line 3.*5 cells under 6 columns"),
         ("a.csv", "x;y;z\n0;0;0\n", "semicolons"),
         ("a.csv", "x,y,w\n0,0,0\n", "line 1.*'w'"),

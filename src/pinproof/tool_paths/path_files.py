@@ -123,6 +123,9 @@ def read_table(file: Path, source: PathPoints, name: str) -> list[tuple[ToolPath
             for key, names in COLUMNS.items()
             if key != "name" and names[0] in columns
         }
+        if "normal" in values and not (directed := values["normal"].any(axis=1)).all():
+            number = rows[1 + int(directed.argmin())][0]
+            raise InputError(f"line {number}: the normal has length 0; every point needs a direction")
         stated: dict[str, Any] = {"normals": values.get("normal", source.normals), "unit": source.unit or unit or None}
         if turned := {"rpy", "quat_xyzw"} & values.keys():
             (key,) = turned

@@ -89,7 +89,9 @@ class ExportedProgram:
     language: str = key("the language of the program")
     moves: int = key("number of moves, with that to the first point")
     duration: float = key("seconds by the rules of the controller, without the move to the first point")
-    motion_duration: float = key("seconds of the certified motion, which the other figures of the pick describe")
+    motion_duration: float = key(
+        "seconds of the same motions as certified, with waiting times and the return to their start"
+    )
 
     def __str__(self) -> str:
         longer = 100.0 * (self.duration / self.motion_duration - 1.0)

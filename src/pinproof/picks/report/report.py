@@ -35,7 +35,8 @@ def problem_row(problem: PickProblem) -> dict[str, Any]:
 
 FIGURES = (
     "clearance, duration and torque are those of the certified motion of the robot; the column of a language has the "
-    "moves and the duration of the program of its controller, which has a certificate of its own"
+    "moves and the duration of the program of its controller, with the return to home, which has a certificate of its "
+    "own; the percentage compares it with the same motions as certified"
 )
 """Which figures of a report are of the motion, and which of programs."""
 

@@ -201,6 +201,8 @@ class Page:
             share = min(max(k - 1, 0) / steps, 1.0)
             x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        # Chromium delivers moves of the mouse with the next frame
+        self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def resize(self, width: int, height: int) -> None:
         size = {"width": width, "height": height}

@@ -93,7 +93,7 @@ def test_sliders_and_keys_move_the_joints_and_each_pose_is_checked(visit, writte
     assert np.allclose(agrees(page, checker), ur5.home)
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")
-    assert words.startswith("pinproof check ur5 --q '0 -1.570796 1.570796")
+    assert words.startswith("pinproof check ur5 --q '0 -1.570796327 1.570796327")
     assert words.endswith("' --tcp tool0 --scene SCENE.yaml")  # never without the obstacles
 
 

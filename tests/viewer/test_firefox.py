@@ -41,8 +41,8 @@ def test_a_page_that_computes_has_the_same_answers_in_firefox(firefox, pages, ur
         "document.querySelector('#proof .state').textContent && !document.getElementById('verify').disabled"
     )
     verdict = verify(json.loads(certify(motion, checker, record=True).proof_text()))
-    said = firefox.evaluate("document.querySelector('#proof .state').textContent")
-    assert said.startswith(f"The proof holds: all {verdict.pairs} checked pairs of bodies")
+    words = firefox.evaluate("document.querySelector('#proof .state').textContent")
+    assert words.startswith(f"The proof holds: all {verdict.pairs} checked pairs of bodies")
     # Keys move a joint
     firefox.click("#live summary")
     firefox.wait_for("document.querySelector('#live details').open")

@@ -73,11 +73,11 @@ def stage_of(verdict: PickVerdict) -> str | None:
 def opened(visit, name, *size):
     page = visit(name, *size)
     page.click("#live summary")
-    settled(page)
+    wait_for_frame(page)
     return page
 
 
-def settled(page) -> None:
+def wait_for_frame(page) -> None:
     page.wait_for("pinproof.again.now().loaded && pinproof.again.now().judged === pinproof.again.now().verdicts.length")
 
 
@@ -115,7 +115,7 @@ def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):
         root_from_base = pose(xyz=(x, y, 0.0), rpy=(0.0, 0.0, yaw))
         target = json.dumps(matrix(root_from_base).ravel().tolist())
         page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({target}), true)")
-        settled(page)
+        wait_for_frame(page)
         back = root_from_base.inverse()
         scene, picks = bolts.scene.transformed(back), bolts.picks.transformed(back)
         expected = [stage_of(verdict) for verdict in bolts.report(picks, scene).verdicts]
@@ -128,7 +128,7 @@ def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):
     assert words == "pinproof pick picks.yaml --place '-0.25 0.2 0 -2'"
     inside_the_bin = "[1, 0, 0, 0.3, 0, 1, 0, -0.1, 0, 0, 1, 0, 0, 0, 0, 1]"
     page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({inside_the_bin}), true)")
-    settled(page)
+    wait_for_frame(page)
     assert page.text("#live-count").endswith("The home configuration is in contact.")
 
 
@@ -209,7 +209,7 @@ def test_the_object_moves_with_its_grasp_and_both_are_copied(visit, pages):
     page.evaluate(f"pinproof.choose({k})")
     enter = "{ const e = document.querySelectorAll('#live .place input')[0]; e.value = Number(e.value) + 40;"
     page.evaluate(enter + " e.dispatchEvent(new Event('change')); }")
-    settled(page)
+    wait_for_frame(page)
     x = cell.scene[pick.carried].pose.translation[0] + 0.04
     drawn = f"pinproof.viewer.scene_tree.find(['scene', {json.dumps(pick.carried)}]).object.position.x"
     page.wait_for(f"Math.abs({drawn} - {x}) < 1e-4")
@@ -233,7 +233,7 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
     page = opened(visit, "sequence", 1000, 700)
     page.evaluate(CHOOSE_BASE)
     page.evaluate("pinproof.again.moveTo(pinproof.again.matrixOf([1,0,0,0.2,0,1,0,-0.1,0,0,1,0,0,0,0,1]), true)")
-    settled(page)
+    wait_for_frame(page)
     assert page.text("#live-count").startswith("2 of 2 picks reach here")
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")

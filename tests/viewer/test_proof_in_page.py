@@ -20,13 +20,13 @@ def test_a_page_verifies_its_proof_on_request(visit, pages, ur5, cell):
     page.wait_for("pinproof.model", 60)
     page.click("#verify")
     page.wait_for("!document.getElementById('verify').disabled", 60)
-    said = page.text("#proof .state")
+    words = page.text("#proof .state")
     recorded = certify(motion, CollisionChecker(ur5, cell), record=True)
     verdict = verify(json.loads(recorded.proof_text()))
-    assert said.startswith(f"The proof holds: all {verdict.pairs} checked pairs of bodies stay more than ")
-    shown = float(said.split("more than ")[1].split(" mm")[0])  # rounded down
+    assert words.startswith(f"The proof holds: all {verdict.pairs} checked pairs of bodies stay more than ")
+    shown = float(words.split("more than ")[1].split(" mm")[0])  # rounded down
     assert 1e3 * verdict.clearance - 0.0011 < shown <= 1e3 * verdict.clearance + 1e-9
-    assert f"({verdict.intervals} inequalities" in said
+    assert f"({verdict.intervals} inequalities" in words
     # The same page with a proof that was tampered with, with one of another motion, and with damaged ones
     tampered = json.loads(recorded.proof_text())
     tampered["settings"]["margin"] = 0.5

@@ -173,14 +173,14 @@ def test_a_block_of_other_numbers_is_refused(tmp_path):
     lengths = json.dumps([len(each) for each in hostile])
     driver = DRIVER.split("const { arms")[0] + (
         f"const numbers = read('cell'); let at = 0, module = fs.readFileSync(viewer + '/core.wasm');(async () => {{"
-        f"for (const length of {lengths}) {{ const block = numbers.subarray(at, at += length); let said = 'refused';"
-        "try { const model = await CellModel.load(module, block, 1); model.check([0, 0, 0, 0, 0, 0]); said = 'read'; }"
-        " catch {} console.log(said); } })();"
+        f"for (const length of {lengths}) {{ const block = numbers.subarray(at, at += length); let words = 'refused';"
+        "try { const model = await CellModel.load(module, block, 1); model.check([0, 0, 0, 0, 0, 0]); words = 'read'; }"
+        " catch {} console.log(words); } })();"
     )
     done = subprocess.run(
         [node, "-e", driver, tmp_path, VIEWER], capture_output=True, text=True, timeout=300, check=False
     )
-    said = done.stdout.split()
-    assert len(said) == len(hostile), done.stderr
-    assert said[-4:] == ["refused"] * 4
-    assert said.count("refused") > 4
+    words = done.stdout.split()
+    assert len(words) == len(hostile), done.stderr
+    assert words[-4:] == ["refused"] * 4
+    assert words.count("refused") > 4

@@ -36,7 +36,7 @@ class LivePicks(NamedTuple):
         links: Sequence[viewer.DrawnLink],
         wanted: bool | None,
     ) -> LivePicks:
-        """Describe the picks of the rows of a table, None where there is none, in the cell in which they were judged.
+        """Describe the picks of the rows of a table, None for rows without one, in the cell of their verdicts.
 
         ``links`` are drawn. If ``wanted`` is None, the page computes if that enlarges it by 1 MB at most; without the
         meshes of the links, if they are too large.
@@ -94,7 +94,7 @@ class LivePicks(NamedTuple):
             )
         if not cells:
             return nothing
-        # The cell of each hand, with the meshes of links where there is room for them
+        # The cell of each hand, with the meshes of links if the page does not become too large
         drawn = tuple(link.name for link in links if link.name in setup.checker.arm.robot.urdf.links)
         try:
             made = [_hand(cell, drawn) for cell in cells.values()]

@@ -62,6 +62,8 @@ def test_a_certified_motion_is_exported_and_the_text_certified(cell: Cell, diale
     assert program.certificate == certificate.hash
     again = certify_program(RobotProgram.parse(program.text, dialect=dialect), checker)
     assert (again.free, again.hash) == (True, certificate.hash)
+    stated = float(re.search(r"clearance ([\d.]+) mm", again.message)[1])  # a proven bound is rounded down
+    assert stated <= again.clearance * 1e3 < stated + 0.1 + 1e-9
 
 
 def blend_of(dialect: str, radius: float = 0.01) -> Blend:

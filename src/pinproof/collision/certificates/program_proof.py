@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from pinproof.collision.certificates.certificate import Certificate, CertificateStatus
+from pinproof.collision.certificates.certificate import Certificate, CertificateStatus, proven_millimetres
 from pinproof.collision.certificates.certify import certify
 from pinproof.collision.certificates.program_limits import (
     arm_faults,
@@ -140,7 +140,7 @@ class ProgramCertificate(Answer):
             blends = sum(part.blend for part in self.parts)
             parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
             words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
-            return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
+            return f"FREE: {words} of the program proven, clearance {proven_millimetres(self.clearance)}"
         if self.status is CertificateStatus.UNDECIDED and self.untraced:
             return f"UNDECIDED: {self.untraced[0]}"
         # The first part that explains the status, or else what was found beside the parts.

@@ -11,6 +11,7 @@ from pinproof.collision import Scene
 from pinproof.description import robots_folder
 from pinproof.picks import (
     LivePicks,
+    NamedFrame,
     PickBudget,
     PickReport,
     PickSetup,
@@ -106,6 +107,31 @@ def test_moved_grasps_have_the_stages_of_python(visit, pages, robot, name):
     found = page.evaluate(MOVE % json.dumps([[k, matrix(shift).ravel().tolist()] for k, shift in shifts]))
     assert found == [cell.moved(k, shift) for k, shift in shifts]
     assert {None, "grasp"} <= set(found)
+
+
+@pytest.mark.parametrize("frame", ["bolt_1", "on_the_bolt"])
+def test_picks_in_the_frame_of_an_object_move_with_it(visit, pages, frame):
+    cell = Cell("ur5", "carry.yaml")
+    first, other = cell.picks.picks[:2]
+    picks = (replace(first, place=None), replace(other, frame=frame, carried="bolt_1"))
+    frames = {**cell.picks.frames, "on_the_bolt": NamedFrame(SE3.Identity(), "bolt_1")}
+    cell.picks = replace(cell.picks, picks=picks, frames=frames)
+    name = f"carried in {frame}"
+    cell.report().save(pages(name))
+    page = opened(visit, name, 800, 600)
+    shift = pose(xyz=(0.6, 0.3, 0.0))  # out of reach
+    rows = json.dumps(matrix(shift).ravel().tolist())
+    again = "pinproof.again"
+    page.evaluate(f"pinproof.choose(0); {again}.moveTo({again}.matrixOf({rows}).multiply({again}.poseNow()), true)")
+    wait_for_frame(page)
+    things = (replace(t, pose=shift * t.pose) if t.name == "bolt_1" else t for t in cell.scene.obstacles)
+    changed = replace(picks[0], pose=shift * cell.placed(0), frame="")
+    scene = replace(cell.scene, obstacles=tuple(things))
+    verdicts = cell.report(replace(cell.picks, picks=(changed, picks[1])), scene).verdicts
+    assert [stage_of(verdict) for verdict in verdicts] == ["reach", "reach"]
+    assert [verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")] == ["reach", "reach"]
+    page.click("#live-yaml")
+    assert page.evaluate("document.getElementById('live-text').value").count("bolt_1, xyz") == 1
 
 
 def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):

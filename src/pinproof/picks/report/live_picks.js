@@ -187,7 +187,7 @@ function offerPicks() {
     if (!thing) return;
     // Picks whose poses are in the frame of the object move with it, as they do when the file of the scene is changed
     put(carried, thing.name);
-    again.rows.forEach((own, j) => own?.frame === thing.name && put(shifts, j));
+    again.rows.forEach((own, j) => own?.anchor === thing.name && put(shifts, j));
     for (const model of models()) model.move(...thing.bodies, rowsOf(shiftOf(k)));
     if (!shift) nodeOf("scene", thing.name).set_transform(matrixOf(thing.pose).toArray());
   }
@@ -351,7 +351,7 @@ function offerPicks() {
   function asYaml() {
     const lines = [];
     for (const [k, shift] of shifts) {
-      const { name, frame, frameAt, grasps, stated } = again.rows[k], moved = carried.get(frame) ?? new THREE.Matrix4();
+      const { name, frame, anchor, frameAt, grasps, stated } = again.rows[k], moved = carried.get(anchor) ?? new THREE.Matrix4();
       const pose = moved.clone().multiply(matrixOf(frameAt)).invert().multiply(shift).multiply(matrixOf(grasps[0].pose));
       if (stated && !moved.equals(shift)) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks; other keys as before");
     }

@@ -86,7 +86,8 @@ class LivePicks(NamedTuple):
                     "name": pick.name,
                     "frame": pick.frame,
                     "frameAt": _rows(tasks[0].root_from(pick.frame)),
-                    "onRobot": _ends(setup, pick.frame) in setup.checker.arm.robot.urdf.links,
+                    "anchor": (anchor := _ends(setup, pick.frame)),
+                    "onRobot": bool(anchor) and anchor not in setup.checker.scene,
                     "object": tasks[0].name if tasks[0].from_scene else None,
                     "stated": not pick.by_part,
                     "grasps": grasps,
@@ -129,7 +130,7 @@ def _ends(setup: PickSetup, frame: str) -> str:
     """The obstacle or link in whose frame a named frame is stated at last; empty for the root of the robot."""
     while frame in setup.shared.frames:
         frame = setup.shared.frames[frame].frame
-    return "" if frame == setup.checker.arm.robot.urdf.root or frame in setup.checker.scene else frame
+    return "" if frame == setup.checker.arm.robot.urdf.root else frame
 
 
 def _rows(pose: SE3) -> list[float]:

@@ -257,6 +257,7 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
     assert 1e5 < grown < 1e6
     assert "wasm-unsafe-eval" not in pages("still").read_text(encoding="utf-8")
     page = opened(visit, "sequence", 1000, 700)
+    assert "the scene at the start of the sequence" in page.text("#live-scope")
     page.evaluate(CHOOSE_BASE)
     page.evaluate("pinproof.again.moveTo(pinproof.again.matrixOf([1,0,0,0.2,0,1,0,-0.1,0,0,1,0,0,0,0,1]), true)")
     wait_for_frame(page)

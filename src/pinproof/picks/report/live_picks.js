@@ -257,7 +257,7 @@ function offerPicks() {
     }
     drawTints();
     if (showing) show();
-    const atStart = cells.length && moved && contactsAt(cells[0], null, cells[0].web.home).contacts.length ? " The home configuration is in contact." : "";
+    const atStart = moved && cells.some((cell) => contactsAt(cell, null, cell.web.home).contacts.length) ? " The home configuration is in contact." : "";
     const known = verdicts.filter(Boolean), passing = known.filter((found) => found.passed === STAGES.length);
     count.textContent = judged < verdicts.length ? "Judging ..." : passing.length + " of " + known.length + " picks reach here"
       + (known.length < verdicts.length ? "; " + (verdicts.length - known.length) + " not judged" : "") + "." + atStart;
@@ -297,7 +297,7 @@ function offerPicks() {
       return make("li", (failed ? "\u2717 " : "\u2713 ") + stage + what, failed ? "bad" : "good");
     }));
     const object = own && obstacles.has(own.object) ? own.object : null;
-    scope.textContent = own ? "Not judged here: " + again.unjudged.join(", ") + ". " + (things.value === "base" ? "Picks and obstacles stay where they are."
+    scope.textContent = own ? "Not judged here: " + again.unjudged.join(", ") + ". " + (settings.moments ? "Each pick is judged in the scene at the start of the sequence. " : "") + (things.value === "base" ? "Picks and obstacles stay where they are."
       : object ? object + " moves with the grasp." : "Only the grasp moves: the pick names no obstacle as its object.") : "This row is not judged here.";
     byId("live-next").disabled = !found || found.q.length < 2;
     entries.show(poseNow(), things.value === "base");

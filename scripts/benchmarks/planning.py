@@ -5,6 +5,8 @@
 ./scripts/benchmark planning --mbm FOLDER --mplib PYTHON --tesseract PYTHON --docs
                                                      both, with planners in the environments of these Pythons, and
                                                      rewrites docs/benchmarks/planning.*
+./scripts/benchmark planning --mbm FOLDER --set mbm/box --only ompl --docs
+                                                     measures some rows again and keeps the others
 ./scripts/benchmark planning --mbm FOLDER --motion --docs   durations of motions to the goal poses
 
 Our scenes take a minute with the other planners that are installed, MotionBenchMaker's problems some minutes. Exit
@@ -19,14 +21,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from time import process_time_ns
 from typing import Any
 
 import numpy as np
 
-from benchmarks.planning_methods import PEERS, Stopwatch
+from benchmarks.planning_methods import OURS, PEERS, Stopwatch
 from benchmarks.planning_problems import OWN_ROBOTS, PlanProblem, find_sets, read_problems, select_sets
-from benchmarks.planning_run import introduction, motion_faults, plan_benchmark, plan_tables, time_plot, total
+from benchmarks.planning_run import KEYS, introduction, motion_faults, plan_benchmark, plan_tables, time_plot, total
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, quantiles, report, row_table
 from benchmarks.worker_peers import mplib_method, tesseract_methods
 from pinproof.collision import CollisionChecker
@@ -139,7 +140,7 @@ def _solve(
     """
     arm, start = problem.arm, problem.start
     limits = replace(arm.limits, acceleration=np.full(arm.dof, ACCELERATION), acceleration_source="of the benchmark")
-    watch = Stopwatch(process_time_ns)
+    watch = Stopwatch()
     unknown = dict.fromkeys(("duration", "excess", "before", "lower_bound"))
 
     def failed(message: str, goals: int) -> Row:
@@ -238,7 +239,14 @@ def measure(options: argparse.Namespace) -> Results:
     peers = () if options.no_peers else PEERS
     peers += tuple(map(mplib_method, options.mplib))
     peers += tuple(method for python in options.tesseract for method in tesseract_methods(python))
-    more = {"repeats": options.repeats, "peers": peers, "planners": options.planner or (DEFAULT_PLANNER,)}
+    planners = options.planner or (DEFAULT_PLANNER,)
+    if options.only:
+        known = (OURS, *(peer.key for peer in peers))
+        if unknown := set(options.only) - set(known):
+            raise SystemExit(f"--only {' '.join(sorted(unknown))}: the methods of this run are {', '.join(known)}")
+        peers = tuple(peer for peer in peers if peer.key in options.only)
+        planners = planners if OURS in options.only else ()
+    more = {"repeats": options.repeats, "peers": peers, "planners": planners}
     return plan_benchmark(options.robots or OWN_ROBOTS, mbm=options.mbm, **more, **arguments_of(options))
 
 
@@ -249,7 +257,7 @@ def measure_motions(options: argparse.Namespace) -> Results:
     return motion_benchmark(options.mbm, **arguments_of(options))
 
 
-BENCHMARK = Benchmark("planning", measure, plan_blocks, lambda results: {"planning.png": time_plot(results)})
+BENCHMARK = Benchmark("planning", measure, plan_blocks, lambda results: {"planning.png": time_plot(results)}, KEYS)
 MOTION = Benchmark("motion", measure_motions, motion_blocks, page="planning")
 
 
@@ -263,6 +271,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--repeats", type=int, default=1, help="runs per problem; the fastest counts")
     parser.add_argument("--planner", action="append", metavar="MODULE:CLASS", help="used instead of ours")
+    parser.add_argument("--only", action="append", default=[], metavar="METHOD", help="only these: pinproof, ompl, ...")
     parser.add_argument("--no-peers", action="store_true", help="leave out other planners")
     for name, peer in (("mplib", "MPlib"), ("tesseract", "Tesseract")):
         about = f"a Python with {peer}, to include it"

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import astuple, dataclass, field
 from functools import partial
 from itertools import combinations
-from time import perf_counter_ns
+from time import process_time_ns
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -59,6 +59,8 @@ Solve = Callable[[int], PlanAnswer]
 class PlanMethod:
     """A method of the table: its identifier, its name in the table, and the distribution that installs it (None: ours).
 
+    ``python`` is the Python that has the distribution, if it is not this one.
+
     ``prepare`` takes a problem and the checker with convex hulls; its time does not count. It raises ImportError if the
     method is not installed, and NotApplicableError if it cannot solve such problems.
     """
@@ -67,20 +69,21 @@ class PlanMethod:
     label: str
     prepare: Callable[[PlanProblem, CollisionChecker], Solve]
     distribution: str | None = None
+    python: str | None = None
 
 
 class Stopwatch:
-    """Measures consecutive steps in milliseconds, by default of wall time."""
+    """Measures consecutive steps in milliseconds of processor time."""
 
-    def __init__(self, clock: Callable[[], int] = perf_counter_ns) -> None:
+    def __init__(self) -> None:
         self.ms: dict[str, float] = {}
-        self._clock, self._last = clock, clock()
+        self._last = process_time_ns()
 
     def lap(self, step: str) -> None:
         """Record the time since the last lap under the name of a step."""
-        now = self._clock()
+        now = process_time_ns()
         self.ms[step] = (now - self._last) / NANOSECONDS_PER_MS
-        self._last = self._clock()
+        self._last = process_time_ns()
 
 
 def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker) -> Solve:

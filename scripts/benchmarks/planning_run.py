@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -44,6 +45,7 @@ from benchmarks.tables import (
     provenance,
     quantiles,
     row_table,
+    version_in,
     wrapped,
 )
 from pinproof.collision import CollisionChecker
@@ -53,7 +55,10 @@ from pinproof.motion import Curve
 from pinproof.planning import DEFAULT_PLANNER
 from pinproof.spatial import Array
 
-STYLES = ("C0-", "C1--", "C1-", "C3-", "C2-", "C4-")
+KEYS = ("collection", "set_name", "number", "method")
+"""What identifies a row of a problem and a method; rows of problems have no method."""
+
+STYLES = ("C0-", "C1--", "C1-", "C3-", "C2-", "C4-", "C5-", "C6-", "C7-")
 """Lines of the methods in the plot."""
 
 
@@ -133,10 +138,26 @@ def introduction(results: Results) -> list[str]:
         f"the same seed gave another motion for {', '.join(changed)}" if changed else "equal seeds gave equal motions"
     )
     runs = f"{repeats} times, of which the fastest counts; {same}" if repeats > 1 else "once"
+    other: dict[
+        str, list[Row]
+    ] = {}  # rows of methods that were not measured in the run of the provenance, by their run
+    for method, run in results.settings.get("runs", {}).items():
+        if run != _run_text(results.provenance):
+            other.setdefault(run, []).extend(rows_of(results, "rows", method=method))
     return wrapped(
         f"{len(results['problems'])} problems, each solved {runs}.",
         f"Building the collision checker, which the times do not include, takes {setup} ms (median).",
+        *(
+            f"{'; '.join(dict.fromkeys(row.label for row in rows))}: measured with {run}, at load averages of "
+            f"{quantiles((row.load for row in rows), '{:.0f}', (0.0, 1.0)).replace(' / ', ' to ')}."
+            for run, rows in other.items()
+        ),
     )
+
+
+def _run_text(origin: Mapping[str, Any]) -> str:
+    """The commit and the date of a run."""
+    return f"commit {origin['commit']}, {origin['date'][:10]}"
 
 
 def plan_tables(results: Results) -> list[str]:
@@ -184,7 +205,9 @@ def _lists(results: Results) -> Iterator[tuple[str, Mapping[str, Sequence[str]]]
         yield f"Not solved or not certified: {rows[0].label}", failed
     for rows in by_method:
         yield f"Unsafe: {rows[0].label}", {name_of(row): row.faults for row in rows}
-    yield "Left out", {name: [reason] for name, reason in results["left_out"].items()}
+    # What was left out in one run may have been measured in a later one
+    measured = {name for row in results["rows"] for name in (row.method, f"{row.method} on {name_of(row)}")}
+    yield "Left out", {name: [reason] for name, reason in results["left_out"].items() if name not in measured}
 
 
 def time_plot(results: Results) -> Any:
@@ -314,7 +337,9 @@ def plan_benchmark(
         "audit_step": STEP,
         "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
-        "peer_versions": installed_versions(method.distribution for method in methods),
+        "peer_versions": installed_versions(m.distribution for m in methods if m.python is None)
+        | {m.distribution: version_in(m.python, m.distribution) for m in methods if m.python and m.distribution},
+        "runs": dict.fromkeys(dict.fromkeys(row.method for row in run.rows), _run_text(origin)),
     }
     return Results(settings, origin, {"problems": run.problems, "rows": run.rows, "left_out": run.left_out})
 
@@ -398,6 +423,7 @@ class _Run:
             clearance=None if best.clearance is None else round(best.clearance, 7),
             rejected_edges=best.rejected_edges,
             repeatable=all(same) if same else None,
+            load=round(os.getloadavg()[0], 1),
             message=best.message,
         )
 

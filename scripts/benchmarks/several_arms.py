@@ -19,7 +19,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from time import process_time, process_time_ns
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -192,7 +192,7 @@ def measure_problem(problem: PlanProblem, seed: int) -> Row:
         return Row(problem=problem.name, ends="; ".join(faults), status="", wrong=[])
     best: dict[str, float] = {}
     for _ in range(REPEATS):
-        watch = Stopwatch(process_time_ns)
+        watch = Stopwatch()
         plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
         if not plan.ok:

@@ -103,7 +103,8 @@ class Results:
     def added_to(self, stored: Results, keys: Sequence[str]) -> Results:
         """The stored results with these: rows of equal ``keys`` are replaced, parts that were not measured are kept.
 
-        ``settings["measured"]`` has the commit of each part.
+        With ``keys``, entries of parts and settings that are dictionaries are kept too. ``settings["measured"]`` has
+        the commit of each part.
         """
         parts = dict(stored.parts)
         measured = dict.fromkeys(stored.parts, stored.provenance["commit"]) | stored.settings.get("measured", {})
@@ -115,9 +116,16 @@ class Results:
                 rows = {tuple(getattr(row, key, None) for key in keys): row for row in (*stored[name], *part)}
                 parts[name] = list(rows.values())
             else:
-                parts[name] = part
-        settings = {**stored.settings, **self.settings, "measured": measured}
+                parts[name] = _merged(stored[name], part) if keys else part
+        settings = {**stored.settings, **self.settings}
+        if keys:
+            settings = {key: _merged(stored.settings.get(key), value) for key, value in settings.items()}
+        settings["measured"] = measured
         return Results(settings, self.provenance, parts)
+
+
+def _merged(old: Any, new: Any) -> Any:
+    return {**old, **new} if isinstance(old, dict) and isinstance(new, dict) else new
 
 
 # -- provenance --------------------------------------------------------------------------------------------------------
@@ -149,6 +157,12 @@ def installed_versions(distributions: Iterable[str | None]) -> dict[str, str | N
         with suppress(PackageNotFoundError):
             found[name] = version(name)
     return found
+
+
+def version_in(python: str, distribution: str) -> str | None:
+    """The version of a distribution in the environment of another Python; None if it is not installed there."""
+    command = [python, "-c", f"from importlib.metadata import version; print(version({distribution!r}))"]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip() or None
 
 
 def _cpu() -> str:

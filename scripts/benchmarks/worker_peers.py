@@ -14,6 +14,8 @@ import weakref
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from select import select
+from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ import trimesh
 from lxml import etree
 
 from benchmarks.planning_methods import (
+    NANOSECONDS_PER_MS,
     TIME_LIMIT,
     PlanAnswer,
     PlanMethod,
@@ -37,9 +40,11 @@ from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix
 
+PATIENCE = 10 * TIME_LIMIT
+"""Seconds after which a process is ended that gives no answer: the time limit at the share of a core under load."""
+
 HALF = np.pi - 1e-3
 """Half the range (rad) of a periodic joint: MPlib may end a motion at a goal shifted by 2 pi if the range is larger."""
-
 
 PIPELINES = {"FreespacePipeline": "OMPL, then TrajOpt", "OMPLPipeline": "OMPL", "TrajOptPipeline": "TrajOpt"}
 """The pipelines of Tesseract that are measured, and the planners that they run."""
@@ -47,7 +52,7 @@ PIPELINES = {"FreespacePipeline": "OMPL, then TrajOpt", "OMPLPipeline": "OMPL", 
 
 def mplib_method(python: str | Path) -> PlanMethod:
     """Return MPlib as a method of the planning benchmark, run by this Python."""
-    return PlanMethod("mplib", "MPlib", partial(_prepare, (str(python), "mplib_worker.py")), "mplib")
+    return PlanMethod("mplib", "MPlib", partial(_prepare, (str(python), "mplib_worker.py")), "mplib", str(python))
 
 
 def tesseract_methods(python: str | Path) -> list[PlanMethod]:
@@ -58,6 +63,7 @@ def tesseract_methods(python: str | Path) -> list[PlanMethod]:
             f"Tesseract, {planners}",
             partial(_prepare, (str(python), "tesseract_plan_worker.py", name)),
             "tesseract-robotics-nanobind",
+            str(python),
         )
         for name, planners in PIPELINES.items()
     ]
@@ -97,7 +103,11 @@ def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChe
         _exchange(worker, job)
 
     def solve(seed: int) -> PlanAnswer:
-        answer = _exchange(worker, {"seed": seed})
+        began = perf_counter_ns()
+        try:
+            answer = _exchange(worker, {"seed": seed})
+        except _NoAnswerError as error:  # a problem that is not solved
+            return PlanAnswer(None, {"plan": (perf_counter_ns() - began) / NANOSECONDS_PER_MS}, message=str(error))
         if answer["path"] is None:
             return PlanAnswer(None, answer["ms"], message=answer["message"])
         return PlanAnswer(JointPath(without_repetitions(np.array(answer["path"])), arm.joint_names), answer["ms"])
@@ -130,14 +140,21 @@ def _with_one_rotation(urdf: str, problem: PlanProblem) -> str:
     return str(etree.tostring(tree, encoding="unicode"))
 
 
+class _NoAnswerError(NotApplicableError):
+    """The process ended, or gave no answer within :data:`PATIENCE`."""
+
+
 def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[str, Any]:
     """Send a line of JSON to a worker and return its answer."""
     if worker.stdin is None or worker.stdout is None:
         raise RuntimeError("the worker was started without pipes")
     print(json.dumps(question), file=worker.stdin, flush=True)
+    if not select([worker.stdout], [], [], PATIENCE)[0]:
+        worker.kill()
+        raise _NoAnswerError(f"the planner gave no answer within {PATIENCE:g} s")
     line = worker.stdout.readline()
     if not line:
-        raise NotApplicableError(f"the process of the planner ended with {worker.wait()}")
+        raise _NoAnswerError(f"the process of the planner ended with {worker.wait()}")
     answer: dict[str, Any] = json.loads(line)
     if "error" in answer:
         raise NotApplicableError(answer["error"])

@@ -382,6 +382,12 @@ def read_accepted(file: Path) -> dict[tuple[str, str], str]:
     return {(entry["file"], essence(entry["diff"].splitlines())): entry["reason"] for entry in entries or ()}
 
 
+def exists(file: Path, diff: str) -> bool:
+    """Whether a file has all lines that an accepted mistake removes."""
+    lines = {line.strip() for line in file.read_text(encoding="utf-8").splitlines()} if file.is_file() else set()
+    return {line[2:] for line in diff.splitlines() if line[0] == "-"} <= lines
+
+
 def record(
     root: Path, modules: list[str], sources: list[Path], compiled: bool, options: argparse.Namespace
 ) -> list[Baseline]:
@@ -485,13 +491,7 @@ def main(arguments: list[str] | None = None) -> int:
             diff = difference(root, file, source.encode(), *site.bytes_in(source))
             mutants.append(Mutant(file, line, line, diff, switch=number))
     accepted = read_accepted(root / "tests" / "mutants" / "accepted.yaml")
-    stale = [
-        f"{name}: {diff}"
-        for name, diff in accepted
-        if (root / name) in files
-        and not {line[2:] for line in diff.splitlines() if line[0] == "-"}
-        <= {line.strip() for line in (root / name).read_text(encoding="utf-8").splitlines()}
-    ]
+    stale = [f"{name}: {diff}" for name, diff in accepted if not exists(root / name, diff)]
     results = store / "results.json"
     last = json.loads(results.read_text()) if results.is_file() else {}
     name_of = {file: file.relative_to(root).as_posix() for file in files}

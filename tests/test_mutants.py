@@ -42,6 +42,11 @@ ACCEPTED = """
     -return a * b
     +return a / b
   reason: these lines do not exist
+- file: src/gone.py
+  diff: |
+    -return a * b
+    +return a / b
+  reason: this file does not exist, and is not one of the files that are tried
 """
 
 
@@ -69,6 +74,7 @@ def test_mistakes_are_noticed_or_reported_and_accepted_ones_are_left_out(tmp_pat
         "return (b)": "survived",
     }
     assert "accepted.yaml names lines that do not exist: src/area.py" in done.stdout
+    assert "accepted.yaml names lines that do not exist: src/gone.py" in done.stdout
 
 
 def changes(source: str) -> set[str]:

@@ -284,10 +284,18 @@ def blocks(results: Results) -> Blocks:
 
 def measure(options: argparse.Namespace) -> Results:
     """Judge the picks of the cells, then prove the random edges."""
+    for folder in options.cell:
+        if not folder.is_dir():
+            raise SystemExit(f"--cell {folder}: no such folder")
+        if not pick_files(folder):
+            raise SystemExit(f"--cell {folder}: the folder has no picks file, which is a .yaml file with the key picks")
     settings = {"edges": options.edges}
     results = Results(settings, provenance(options.seed), {"picks": [], "edges": []})
     with tempfile.TemporaryDirectory() as made:
-        cells = [(OWN, write_cell(Path(made), options.seed)), *((folder.name, folder) for folder in options.cell)]
+        cells = [
+            (OWN, write_cell(Path(made), options.seed)),
+            *((folder.resolve().name, folder) for folder in options.cell),
+        ]
         for name, folder in cells:
             for file in pick_files(folder):
                 results["picks"].append(pick_row(name, file))

@@ -75,6 +75,18 @@ def test_a_scene_has_exact_meshes_of_its_own_kind() -> None:
     assert all(each.shape.hull is False for each in exact)
 
 
+@pytest.mark.parametrize(("name", "reason"), [("missing", "no such folder"), ("empty", "no picks file")])
+def test_a_folder_without_picks_is_an_error_before_any_work(
+    name: str, reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "scene.yaml").write_text("obstacles: []\n", encoding="utf-8")
+    monkeypatch.setattr(own_cells, "pick_row", lambda *_: pytest.fail("picks were judged"))
+    monkeypatch.setattr("sys.argv", ["benchmark", "--cell", str(tmp_path / name)])
+    with pytest.raises(SystemExit, match=f"{name}: .*{reason}"):
+        own_cells.main()
+
+
 def test_the_stored_results_are_complete() -> None:
     stored = BENCHMARK.stored
     assert {row.file for row in stored["picks"] if row.cell == own_cells.OWN} == {*KINDS}

@@ -165,8 +165,11 @@ def wrong(plan: FollowPlan, settings: dict) -> list[str]:
 TRIES, STEP, TURN, JUMP = 20, 0.01, 0.1, 0.5
 """The number of tries; the largest distance (m) and angle (rad) between their places; the largest step of a joint."""
 
-USUAL_SPEED = 0.1
-"""m/s: speed for the cost of paths that state none."""
+USUAL_SPEED, USUAL_ROTATION = 0.25, 1.0
+"""m/s and rad/s: speeds of the tool for the effort along paths that state none."""
+
+ONLY_TURNED = 5e-4, 100.0
+"""The tool only rotates on lines of at most this length (m) that turn it by more than this (rad/m)."""
 
 
 def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng: np.random.Generator):
@@ -184,8 +187,11 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
         at.append(k + np.arange(1, parts + 1) / parts)
     where = np.concatenate(at)
     poses, line = path.at(where), settings["approach"]
-    lengths = np.linspace(line, 0.0, 1 + int(np.ceil(line / STEP)))[:-1]
+    parts = int(np.ceil(line / STEP))
+    lengths = np.linspace(line, 0.0, 1 + parts)[:-1]
     poses = np.concatenate([lifted(poses[0], lengths), poses, lifted(poses[-1], lengths[::-1])])
+    on_lines = np.arange(1.0, parts + 1) / max(parts, 1)
+    where = np.concatenate([on_lines - 1.0 - 1.0 / max(parts, 1), where, len(path) - 1 + on_lines])
     # The starts, at a random rotation of the tool
     low, high = (-np.pi, np.pi) if free is True else (0.0, 0.0) if free is False else free
     angles = rng.uniform(low, high, TRIES)
@@ -203,14 +209,14 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
             return False, None, None
         alive[alive] = checker.edges_free(rows[-1][alive], found.q[alive])
         rows.append(np.where(alive[:, None], found.q, rows[-1]))
-    # The costs between the places of the path
-    on = slice(len(lengths), len(lengths) + len(where))
-    tried = min(cost(arm, path, where, q[on]) for q in np.array(rows)[:, alive].swapaxes(0, 1)) if alive.any() else None
+    # The costs between these places, along the lines too
+    rows = np.array(rows)[:, alive].swapaxes(0, 1)
+    tried = min(cost(arm, path, free, where, poses, q) for q in rows) if alive.any() else None
     if tried is None or not plan.ok or len(plan.pieces) > 1:
         return bool(alive.any()), tried, None
     piece = plan.pieces[0]
     own = np.column_stack([np.interp(where, piece.poses, column) for column in piece.q.T])
-    return True, tried, cost(arm, path, where, own)
+    return True, tried, cost(arm, path, free, where, poses, own)
 
 
 def lifted(pose: np.ndarray, lengths: np.ndarray) -> np.ndarray:
@@ -220,13 +226,26 @@ def lifted(pose: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     return poses
 
 
-def cost(arm, path: ToolPath, where: np.ndarray, q: np.ndarray) -> float:
-    """The cost ``balanced`` of configurations (k, n) at places (k,) of a path, from its formula."""
+def cost(arm, path: ToolPath, free, where: np.ndarray, poses: np.ndarray, q: np.ndarray) -> float:
+    """The cost ``balanced`` of configurations (k, n) at places (k,) and poses (k, 4, 4) of a path, from its formula."""
     own = COSTS["balanced"]
-    points = path.at(where)[:, :3, 3]
-    index = np.floor(0.5 * (where[1:] + where[:-1])).astype(int)
-    speed = USUAL_SPEED if path.speed is None else path.speed[index]
-    times = np.maximum(np.linalg.norm(np.diff(points, axis=0), axis=1) / speed, 1e-3)
+    columns, scale = (slice(2, 3), 1.0) if free is True else (slice(0, 3), np.sqrt(2.0))
+
+    def moved(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        change = np.diff(poses, axis=0)
+        turned = np.linalg.norm(change[:, :3, columns], axis=(1, 2)) / scale
+        return np.linalg.norm(change[:, :3, 3], axis=1), turned
+
+    length, turned = moved(poses)
+    times, least = np.maximum(length / USUAL_SPEED, turned / USUAL_ROTATION), np.zeros(len(length))
+    if path.speed is not None:
+        middle = 0.5 * (where[1:] + where[:-1])
+        index = np.clip(np.floor(middle).astype(int), 0, len(path.speed) - 1)
+        lines, turns = moved(path.poses)
+        timed = ((lines > ONLY_TURNED[0]) | (turns <= ONLY_TURNED[1] * lines))[index]  # no speed is wanted of rotations
+        timed |= (middle < 0.0) | (middle > len(path) - 1)
+        times = np.where(timed, length / path.speed[index], times)
+        least = np.where(timed, times, 0.0)
     shares = np.abs(np.diff(q, axis=0)) / arm.limits.velocity
-    total = own.time * np.maximum(shares.max(axis=1), times) + own.travel * shares.sum(axis=1)
-    return float((total + own.effort * (shares**2).sum(axis=1) / times).sum())
+    total = own.time * np.maximum(shares.max(axis=1), least) + own.travel * shares.sum(axis=1)
+    return float((total + own.effort * (shares**2).sum(axis=1) / np.maximum(times, 1e-3)).sum())

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.tool_path_audits import arm_of, random_problem, wrong
+from benchmarks.tool_path_audits import arm_of, best_of_tries, random_problem, wrong
 
 import pinproof as pp
 from pinproof.description import with_frame
@@ -47,6 +47,16 @@ def test_random_paths_pass_an_independent_dense_check(name):
         else:
             assert plan.blocked or plan.cuts, seed
     assert found
+
+
+@pytest.mark.parametrize(("name", "seed"), [("ur5", 27), ("ur5", 28), ("panda", 55), ("panda", 57), ("panda", 40)])
+def test_no_motion_from_a_random_start_costs_less(name, seed):
+    """The optimum is between the values of the grid, near another sequence, or at a joint limit."""
+    checker, path, settings = random_problem(name, np.random.default_rng(seed))
+    plan = pp.follow(checker, path, **settings).or_raise()
+    _, least, own = best_of_tries(checker, path, settings, plan, np.random.default_rng([seed, 1]))
+    assert own <= least * (1.0 + 1e-6)
+    assert wrong(plan, settings) == []
 
 
 def test_the_speed_of_the_path_is_kept_and_proven(free):

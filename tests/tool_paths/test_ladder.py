@@ -83,6 +83,28 @@ def test_the_optimum_equals_that_of_all_sequences_and_windings():
     assert 60 < found < 195
 
 
+def test_other_sequences_are_the_cheapest_to_ends_that_are_apart():
+    for seed in range(30):
+        arm, rungs, durations, timed, settings = small_instance(np.random.default_rng(seed))
+        arm.limits.lower[0], arm.limits.upper[0] = -np.pi, np.pi  # one winding
+        course = RungLadder(arm, rungs, durations, timed, settings).solve(0, len(rungs) - 1, others=5, apart=0.3)
+        if len(course.nodes) < len(rungs):
+            continue
+        costs = []
+        for node in range(len(rungs[-1].q)):
+            ends = [*rungs[:-1], Rung(0, 0.0, np.eye(4), 0.0, rungs[-1].q[node : node + 1], np.ones(1, dtype=bool))]
+            ends[-1].rates = rungs[-1].rates[node : node + 1]
+            costs.append(best_of_all(arm, ends, durations, timed, settings))
+        chosen = []
+        for node in np.argsort(costs, kind="stable"):
+            far = [(np.abs(rungs[-1].q[node] - rungs[-1].q[other]) > 0.3).sum() > 1 for other in chosen]
+            if all(far) and np.isfinite(costs[node]):
+                chosen.append(int(node))
+        found = [course, *course.others]
+        assert [own.nodes[-1] for own in found] == chosen
+        assert [own.cost for own in found] == pytest.approx([costs[node] for node in chosen])
+
+
 def test_a_joint_that_winds_up_is_followed_only_as_far_as_its_limits():
     limits = SimpleNamespace(
         lower=np.array([-4.0]), upper=np.array([4.0]), velocity=np.ones(1), clip=lambda q: np.clip(q, -4.0, 4.0)

@@ -283,7 +283,9 @@ void bind_ladder(nb::module_& module) {
         .def_prop_ro("nodes", [](const LadderCourse& self) { return array_of<std::int64_t>(self.nodes); },
                      "The number of one node of each rung, up to the farthest rung that can be reached.")
         .def_prop_ro("reachable", [](const LadderCourse& self) { return array_of<std::int64_t>(self.reachable); },
-                     "The numbers of the nodes of the last of these rungs that can be reached.");
+                     "The numbers of the nodes of the last of these rungs that can be reached.")
+        .def_prop_ro("others", [](const LadderCourse& self) { return self.others; },
+                     "The cheapest sequences to other nodes of the last rung.");
     nb::class_<Ladder>(module, "Ladder", "The best sequence of configurations through the rungs of a ladder graph.")
         .def(nb::new_([](const Indices& counts, const Matrix& q, const Vector& cost, const Vector& period,
                          const Vector& speed, const Matrix& reach, const Vector& least, const Vector& duration,
@@ -309,12 +311,14 @@ void bind_ladder(nb::module_& module) {
              "time"_a, "travel"_a, "effort"_a,
              "R rungs with counts (R,) of the nodes q (N, n); cost (N,) of the nodes; period and speed (n,) of the joints, "
              "0 for joints whose values are not periodic; reach (R - 1, n), least and duration (R - 1,) between rungs.")
-        .def("solve", [](const Ladder& self, std::int64_t from, std::int64_t to) {
+        .def("solve", [](const Ladder& self, std::int64_t from, std::int64_t to, std::size_t others, double apart) {
                 const std::size_t begin = rung_of(self, from), end = rung_of(self, to);
                 if (begin > end) refuse("the last rung comes before the first one");
                 nb::gil_scoped_release release;
-                return self.solve(begin, end);
-            }, "first"_a, "last"_a, "The cheapest sequence from a rung to another one, or to the farthest before it.")
+                return self.solve(begin, end, others, apart);
+            }, "first"_a, "last"_a, "others"_a = 0, "apart"_a = 0.0,
+             "The cheapest sequence from a rung to another one, or to the farthest before it, and others to last nodes that "
+             "differ by more than `apart` in two joints.")
         .def("remove", [](Ladder& self, std::int64_t node, std::int64_t next) {
                 for (std::int64_t each : {node, next})
                     if (each < 0 || static_cast<std::size_t>(each) >= self.size()) refuse("no such node");

@@ -20,7 +20,8 @@ constexpr double kUnreached = std::numeric_limits<double>::infinity();
 // The step of a joint; of a periodic one, the shortest.
 double Ladder::step(const double* from, const double* to, std::size_t joint) const {
     const double difference = to[joint] - from[joint], period = graph_.period[joint];
-    return period > 0.0 ? difference - period * std::floor(difference / period + 0.5) : difference;
+    if (!(std::abs(difference) > 0.5 * period) || period == 0.0) return difference;
+    return difference - period * std::floor(difference / period + 0.5);
 }
 
 // The joint in which the fewest pairs of sampled nodes of a rung and the next one are within reach, and the one in which
@@ -65,7 +66,7 @@ std::array<std::array<double, 2>, 2> Ladder::windows(double value, double reach,
     return {{{low, high}, {1.0, -1.0}}};
 }
 
-LadderCourse Ladder::solve(std::size_t from, std::size_t to) const {
+LadderCourse Ladder::solve(std::size_t from, std::size_t to, std::size_t others, double apart) const {
     const std::size_t n = graph_.dof, base = graph_.first[from];
     const auto& first = graph_.first;
     std::vector<double> best(first[to + 1] - base, kUnreached);
@@ -172,15 +173,36 @@ LadderCourse Ladder::solve(std::size_t from, std::size_t to) const {
     // The cheapest node of the last rung, and the way back
     LadderCourse course;
     if (nodes.empty()) return course;
-    std::size_t node = *std::ranges::min_element(nodes, {}, [&](std::size_t u) { return best[u - base]; });
-    course.cost = best[node - base];
-    course.nodes.resize(last - from + 1);
-    for (std::size_t rung = last;; --rung) {
-        course.nodes[rung - from] = static_cast<std::int64_t>(node);
-        if (rung == from) break;
-        node = before[node - base];
-    }
+    const auto back_from = [&](std::size_t node, LadderCourse& found) {
+        found.cost = best[node - base];
+        found.nodes.resize(last - from + 1);
+        for (std::size_t rung = last;; --rung) {
+            found.nodes[rung - from] = static_cast<std::int64_t>(node);
+            if (rung == from) break;
+            node = before[node - base];
+        }
+    };
+    const auto cost_to = [&](std::size_t u) { return best[u - base]; };
     course.reachable.assign(nodes.begin(), nodes.end());
+    if (others == 0) {
+        back_from(*std::ranges::min_element(nodes, {}, cost_to), course);
+        return course;
+    }
+    // The cheapest of the last nodes, of those that are not close to a cheaper one
+    std::ranges::stable_sort(nodes, {}, cost_to);
+    std::vector<std::size_t> ends;
+    for (std::size_t end : nodes) {
+        const bool near = std::ranges::any_of(ends, [&](std::size_t other) {
+            std::size_t far = 0;
+            for (std::size_t j = 0; j < n; ++j)
+                far += std::abs(step(&graph_.q[end * n], &graph_.q[other * n], j)) > apart;
+            return far < 2;  // one joint alone turns the tool about its axis
+        });
+        if (near) continue;
+        back_from(end, ends.empty() ? course : course.others.emplace_back());
+        ends.push_back(end);
+        if (course.others.size() == others) break;
+    }
     return course;
 }
 

@@ -44,14 +44,16 @@ struct LadderCourse {
     double cost = 0.0;
     std::vector<std::int64_t> nodes;      // one of each rung, from the first one; empty if that has none
     std::vector<std::int64_t> reachable;  // the nodes of the last of these rungs that can be reached
+    std::vector<LadderCourse> others;     // the cheapest to other nodes of the last rung, in the order of their costs
 };
 
 class Ladder {
 public:
     explicit Ladder(LadderGraph graph) : graph_(std::move(graph)) {}
 
-    // Among sequences of equal cost, the one with the lowest numbers, compared from the last rung backward.
-    LadderCourse solve(std::size_t from, std::size_t to) const;
+    // Among sequences of equal cost, the one with the lowest numbers, compared from the last rung backward. The last nodes
+    // of the others, at most ``others`` of them, differ by more than ``apart`` in two joints.
+    LadderCourse solve(std::size_t from, std::size_t to, std::size_t others = 0, double apart = 0.0) const;
 
     // Remove the edge between two nodes.
     void remove(std::size_t node, std::size_t next) { removed_.insert(key(node, next)); }

@@ -288,6 +288,24 @@ class AnalyticIk:
             raise InputError(f"AnalyticIk supports task='pose' only, not task={task!r}; use Clik for this task")
         return resolved
 
+    def branches_at(
+        self, arm: Arm, targets: npt.ArrayLike, redundant_values: npt.ArrayLike
+    ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """The branches (b, n) for N targets (N, 4, 4) at values of the redundant joint, closest to ``arm.home``.
+
+        They are those of :meth:`solve_all_batch`, one target after another, but not sorted. Also their number (N,), and
+        the number of further ones outside the limits (N,).
+
+        Raises
+        ------
+        NoClosedForm, InputError
+            As :meth:`solve_all`.
+        """
+        plan, many = self._plan(arm), rigid_many("targets", targets)
+        values, references = _stated(arm, plan, redundant_values)[None], _references(arm, plan, None, len(many))
+        found, _, counts, outside = sweep_many(plan, many, references, values)
+        return found, counts.sum(axis=1), outside.sum(axis=1)
+
     def _swept_batch(
         self, arm: Arm, plan: Plan, many: Array, references: Array, stated: Array | None
     ) -> IkBranchesBatch:

@@ -34,6 +34,8 @@ GRID_STEP = 1.2
 SLOWEST = 0.1
 # M: a larger allowed deviation is in millimetres.
 MOST_DEVIATION = 0.1
+# rad or m: largest distance of values between those of the grid from the range of values that are stated for a joint.
+BESIDE = 0.2
 # Share by which the tool may be slower without a sentence about it, if no tolerance is stated.
 TOLERANCE = 0.1
 # The names of the parts of a motion.
@@ -91,7 +93,7 @@ def follow(
     redundant
         Number of values of the redundant joint of an arm of seven joints, such as a rail, of both of an arm of eight,
         and of each joint that moves ``frame``; by default 24, and 72 for an arm of seven if the rotation is not free.
-        Or the values of these joints by name, and 24 of the others.
+        Or the values of these joints by name, and 24 of the others; finer values leave their range by at most 0.2.
     deviation, rotation_deviation
         Allowed distance (m) of the tool from the path and angle (rad) from its orientation, at every instant. If the
         rotation is free, the angle is that of the tool axis, and a range of the rotation is kept to the same angle.
@@ -207,13 +209,18 @@ def follow(
         jump[joint] = max(jump[joint], width)
         finest = max(finest, width * own.angular[joint])
     jump = np.where(own.angular, np.maximum(jump, finest), jump)
+    lower, upper = own.limits.lower.copy(), own.limits.upper.copy()
+    stated = redundant if isinstance(redundant, Mapping) else {}
+    for joint, axis in zip(joints, axes, strict=True):
+        if own.joint_names[joint] in stated:
+            lower[joint], upper[joint] = max(lower[joint], axis[0] - BESIDE), min(upper[joint], axis[-1] + BESIDE)
     slowest = SLOWEST if speed_tolerance is None else 1.0 - speed_tolerance
     search = Search(
         checker=checker, path_arm=path_arm, path=given, grid=grid,
         free=free_rotation is not False, whole=free_rotation is True, spin=spin,
         deviation=(deviation, rotation_deviation), image=(image, image_rotation),
         approach=approach, departure=departure, settings=LadderSettings(cost, steps, slowest, jump, finest),
-        spacing=(step, angle_step), budget=budget, rng=rng,
+        bounds=(lower, upper), spacing=(step, angle_step), budget=budget, rng=rng,
         avoided=finite("avoid", np.empty((0, own.dof)) if avoid is None else avoid, (None, own.dof)),
         start=None if start is None else own.limits.snap(own.configuration(start, "start")),
     )  # fmt: skip

@@ -169,18 +169,23 @@ class PathArm:
             targets = self.base_from_path(values) @ targets
         count = len(places)
         solved = self.spun if grid.any_rotation and self.spun is not None else self.solved
-        found = AnalyticIk().solve_all_batch(solved, targets.reshape(-1, 4, 4), redundant_values=grid.redundant)
-        exists = np.arange(found.q.shape[1]) < found.count[:, None]
-        if solved is self.spun and self.spin is not None:  # the tool rotates against the virtual joint
-            low, high = self.spin
-            exists &= np.remainder(-found.q[:, :, -1] - low + AT_END, TURN) <= high - low + 2.0 * AT_END
-        number, q = exists.sum(axis=1), found.q[exists][:, : self.solved.dof]
+        if grid.redundant is not None:
+            q, number, outside = AnalyticIk().branches_at(solved, targets.reshape(-1, 4, 4), grid.redundant)
+            known = np.zeros(len(number), dtype=bool)
+        else:
+            found = AnalyticIk().solve_all_batch(solved, targets.reshape(-1, 4, 4))
+            exists = np.arange(found.q.shape[1]) < found.count[:, None]
+            if solved is self.spun and self.spin is not None:  # the tool rotates against the virtual joint
+                low, high = self.spin
+                exists &= np.remainder(-found.q[:, :, -1] - low + AT_END, TURN) <= high - low + 2.0 * AT_END
+            number, q = exists.sum(axis=1), found.q[exists][:, : self.solved.dof]
+            outside, known = found.outside, found.complete
         if self.external:
             own, q = q, np.empty((len(q), self.arm.dof))
             q[:, np.delete(np.arange(self.arm.dof), self.external)] = own
             q[:, self.external] = np.repeat(np.tile(values, (len(number) // len(values), 1)), number, axis=0)
-        counts, outside = (each.reshape(count, -1).sum(axis=1) for each in (number, found.outside))
-        complete = found.complete.reshape(count, -1).all(axis=1) & (not self.external)
+        counts, outside = (each.reshape(count, -1).sum(axis=1) for each in (number, outside))
+        complete = known.reshape(count, -1).all(axis=1) & (not self.external)
         return q, counts, outside, np.asarray(complete)
 
 
@@ -371,13 +376,15 @@ class LadderSettings:
 class Course:
     """The best sequence from one rung to the farthest one: q (k, n), its cost, and the nodes that can be reached last.
 
-    ``nodes`` (k,) are the rows of :attr:`Rung.nodes`, ``reachable`` (r, n) configurations of the last rung.
+    ``nodes`` (k,) are the rows of :attr:`Rung.nodes`, ``reachable`` (r, n) configurations of the last rung, and
+    ``others`` the best sequences to some of these.
     """
 
     q: Array
     nodes: npt.NDArray[np.int64]
     cost: float
     reachable: Array
+    others: tuple[Course, ...] = ()
 
 
 class RungLadder:
@@ -403,14 +410,20 @@ class RungLadder:
         self._split: list[int] = []  # the joints whose windings are separate nodes
         self._build()
 
-    def solve(self, first: int, last: int) -> Course:
-        """The cheapest sequence from one rung to another one, or to the farthest before it, within all limits."""
+    def solve(self, first: int, last: int, others: int = 0, apart: float = 0.0) -> Course:
+        """The cheapest sequence from one rung to another one, or to the farthest before it, within all limits.
+
+        Also those to ``others`` last configurations, which differ by more than ``apart`` in two joints.
+        """
+        given = self._rungs[first].given
         while True:
-            found = self._ladder.solve(first, last)
-            q, misfit = self._unwound(self._q[found.nodes], given=self._rungs[first].given)
+            found = self._ladder.solve(first, last, others, apart)
+            q, misfit = self._unwound(self._q[found.nodes], given=given)
             if misfit is None:
-                nodes = self._node[found.nodes]
-                return Course(q, nodes, found.cost if len(nodes) else 0.0, self._q[found.reachable])
+                ends = self._q[found.reachable]
+                more = [(*self._unwound(self._q[own.nodes], given=given), own) for own in found.others]
+                courses = (Course(row, self._node[own.nodes], own.cost, ends) for row, bad, own in more if bad is None)
+                return Course(q, self._node[found.nodes], found.cost, ends, tuple(courses))
             self._split.append(misfit)
             self._build()
 

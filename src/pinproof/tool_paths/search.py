@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby, pairwise, product
+from itertools import combinations_with_replacement, groupby, pairwise, product
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +64,9 @@ MOVED, EXTENDED, EXACT, SAMPLED = 48, 40, 1e-9, 20
 # Rounds in which finer values around the optimum are compared, and the shares by which a round must improve the cost to
 # be repeated with values of the same size, and for there to be another one.
 ROUNDS, IMPROVED, ENOUGH = 12, 0.01, 1e-4
+# Number of other sequences that are compared with the optimum over the grid after so many rounds, and by how much (rad
+# or m) their ends differ in two joints.
+OTHERS, COMPARED, APART = 6, 2, 0.5
 # Largest number of times that finer values are compared, without those within so many rungs of an edge where they fail.
 ATTEMPTS, KEPT = 3, 2
 # rad and m: a motion that starts within this of another one in every joint does not start elsewhere.
@@ -72,6 +75,11 @@ NEAR, NEAR_METRES = 1.0, 0.1
 MOST_SIDES = 3
 # rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
 FARTHEST = 2.0
+# Shares of the step to the least quadratic cost that are compared, its largest size (rad or m), and the least share of
+# its speed with which a joint counts.
+EVEN, FARTHEST_EVEN, SLOW = np.array([1.0, 0.5, 0.2]), 0.5, 1e-3
+# Largest number of times that joints which would leave their limits are held, and how far (rad or m) inside of them.
+LEAVING, INSIDE = 4, 2e-3
 # Length of the window over which steps are smoothed, in steps of the grid.
 WINDOW = 2.0
 
@@ -96,7 +104,10 @@ class FollowedPiece:
 
 @dataclass(kw_only=True, eq=False)
 class Search:
-    """The state of :func:`follow`; with ``stops``, the tool stops at sharp corners of the path."""
+    """The state of :func:`follow`; with ``stops``, the tool stops at sharp corners of the path.
+
+    Values between those of the grid are inside ``bounds`` (n,), the limits or less.
+    """
 
     checker: CollisionChecker
     path_arm: PathArm
@@ -110,6 +121,7 @@ class Search:
     approach: float
     departure: float
     settings: LadderSettings
+    bounds: tuple[Array, Array]
     spacing: tuple[float, float]
     budget: int
     rng: int
@@ -226,6 +238,10 @@ class Search:
                 int(outside),
             )
             self.rungs[0].rates, self.rungs[0].given = np.zeros(int(self.rungs[0].free.sum())), True
+        # The grid of two and more free values is coarse: the best motions of an arm with seven joints may be possible
+        # only between its values
+        if self.settings.steps > 0.0 and arm.dof - (5 if self.free else 6) > 1 and len(self.rungs[0].rates):
+            self._extend_all()
         self._connect()
 
     def _elsewhere(self, q: Array) -> Flags:
@@ -284,21 +300,28 @@ class Search:
     def _piece(self, first: int) -> FollowedPiece | None:
         """The best certified curves from a rung to the farthest one; None if the rung has no nodes."""
         while True:
-            course = self._ladder.solve(first, len(self.rungs) - 1)
+            course = self._ladder.solve(first, len(self.rungs) - 1, OTHERS, APART)
             if not len(course.nodes):
                 return None
             last = first + len(course.nodes) - 1
             if last < len(self.rungs) - 1 and self._continue(last, course.reachable):
                 continue
+            # The optimum over finer values may be close to another sequence than that over the grid: that one first.
             # With finer values; without smoothing if the curve fails; without finer values where it does; without any
-            index, kept, polished = first, np.zeros(len(course.nodes), dtype=bool), course
-            for _ in range(ATTEMPTS if self.refined < ATTEMPTS else 1):
-                polished = self._polished(first, course, kept)
-                for width in (WINDOW, 0.0) if polished is not course else ():
-                    made = self._curves(first, polished, width, course.cost)
-                    if isinstance(made, FollowedPiece):
-                        return made
-                    kept[max(made[0] - first - KEPT, 0) : made[0] - first + KEPT + 2] = True
+            index, attempts = first, ATTEMPTS if self.refined < ATTEMPTS else 1
+            courses = (course, *(course.others if attempts > 1 else ()))
+            kept = np.zeros(len(course.nodes), dtype=bool)
+            coarse = [self._polished(first, own, kept, COMPARED) for own in courses]
+            best = min(range(len(coarse)), key=lambda k: coarse[k].cost)
+            for own, start in {best: coarse[best], 0: coarse[0]}.items():
+                kept[:] = False
+                for attempt in range(attempts):
+                    polished = self._polished(first, courses[own] if attempt else start, kept)
+                    for width in (WINDOW, 0.0) if polished is not course else ():
+                        made = self._curves(first, polished, width, course.cost)
+                        if isinstance(made, FollowedPiece):
+                            return made
+                        kept[max(made[0] - first - KEPT, 0) : made[0] - first + KEPT + 2] = True
             for width in (WINDOW, 0.0) if polished is course and self.settings.steps > 0.0 else (0.0,):
                 made = self._curves(first, course, width, course.cost)
                 if isinstance(made, FollowedPiece):
@@ -313,16 +336,8 @@ class Search:
         """Whether nodes or a rung were added where the farthest rung is not the last one."""
         end = self.rungs[last]
         if self.settings.steps > 0.0 and not self.extended:
-            # The branch that continues the path may have ended before, and between the values of the grid: all rungs
-            # get the solutions that follow from those of the first rung, and from random ones there
-            self.extended.append(self.rungs[0])
-            many = Clik(restarts=SAMPLED).solve_many(
-                self.arm, self.rungs[0].place, rng=self.rng, count=SAMPLED, task=self.task
-            )
-            if self.start is None:
-                allowed = self._allowed(many.q, [self.rungs[0]] * len(many.q)) & self._elsewhere(many.q)
-                self._add(self.rungs[0], many.q[allowed])
-            self._extend(0, self.rungs[0].nodes, len(self.rungs))
+            # The branch that continues the path may have ended before, and between the values of the grid
+            self._extend_all()
             self._connect()
             return True
         if self.settings.steps > 0.0 and end not in self.extended:
@@ -340,6 +355,16 @@ class Search:
             return False
         self._refine(last, np.empty(0, dtype=np.int64))
         return True
+
+    def _extend_all(self) -> None:
+        """Add the solutions to all rungs that follow from those of the first rung, and from random ones there."""
+        rung = self.rungs[0]
+        self.extended.append(rung)
+        many = Clik(restarts=SAMPLED).solve_many(self.arm, rung.place, rng=self.rng, count=SAMPLED, task=self.task)
+        if self.start is None:
+            allowed = self._allowed(many.q, [rung] * len(many.q)) & self._elsewhere(many.q) & self._bounded(many.q)
+            self._add(rung, many.q[allowed])
+        self._extend(0, rung.nodes, len(self.rungs))
 
     def _gap(self, index: int) -> float:
         """M: length of the route between a rung and the next one."""
@@ -410,7 +435,7 @@ class Search:
             )  # fmt: skip
             reached = (
                 (moved.position_error <= EXACT) & (moved.orientation_error <= EXACT) & self._allowed(moved.q, ahead)
-            )
+            ) & self._bounded(moved.q)
             for number in range(len(ahead) if reached.all() else int(reached.argmin())):
                 added[number].append(moved.q[number : number + 1])
         for rung, rows in zip(ahead, added, strict=True):
@@ -425,18 +450,22 @@ class Search:
             allowed &= (angle >= self.spin[0]) & (angle <= self.spin[1])
         return allowed
 
+    def _bounded(self, q: Array) -> Flags:
+        """(k,) whether configurations q (k, n) are inside the bounds of values between those of the grid."""
+        return np.asarray(((q >= self.bounds[0]) & (q <= self.bounds[1])).all(axis=1))
+
     def _add(self, rung: Rung, q: Array) -> None:
         """Add nodes q (k, n) without contact to a rung."""
         rung.q = np.concatenate([rung.q.reshape(-1, q.shape[1]), q])
         rung.free = np.append(rung.free, np.ones(len(q), dtype=bool))
         rung.rates = np.append(rung.rates, rates_of(self.checker, self.arm, q, self.settings.costs))
 
-    def _polished(self, first: int, course: Course, kept: Flags) -> Course:
+    def _polished(self, first: int, course: Course, kept: Flags, rounds: int = ROUNDS) -> Course:
         """The optimum over finer and finer values around those of a course, which move the tool only about its axis.
 
-        Those at rungs that are ``kept`` (k,) remain.
-        The motions of the joints that keep the tool on the path, apart from its free rotation, are the null space of
-        its Jacobian. Each round compares steps of half the size of the round before, to both sides of each rung.
+        Those at rungs that are ``kept`` (k,) remain. The motions of the joints that keep the tool on the path, apart
+        from its free rotation, are the null space of its Jacobian. Each round compares steps to both sides of each
+        rung, and shares of the step to the least cost of all rungs together.
         """
         arm, checker, count = self.arm, self.checker, len(course.nodes)
         free = arm.dof - (5 if self.free else 6)
@@ -445,27 +474,36 @@ class Search:
         rungs, task = self.rungs[first : first + count], self.task
         places = np.array([rung.place for rung in rungs])
         solver = Clik(position_tolerance=EXACT, orientation_tolerance=EXACT, restarts=0)
+        # A curve through a value at a limit leaves the limit beside it
+        margin = np.minimum(INSIDE, 0.01 * (arm.limits.upper - arm.limits.lower))
+        low, high = self.bounds[0] + margin, self.bounds[1] - margin
         sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
         if free > MOST_SIDES:  # one direction at a time
             sides = np.concatenate([np.eye(free), -np.eye(free)])
         best, size = course, 0.5 * self.settings.finest
-        for _ in range(ROUNDS):
+        fixed = kept.copy()
+        fixed[0] |= first == 0 and (self.start is not None or len(self.avoided) > 0)
+        for _ in range(rounds):
             jacobian = np.swapaxes(places[:, :3, :3], 1, 2)[:, None] @ arm.jacobian_batch(best.q).reshape(
                 count, 2, 3, -1
             )
             rows = jacobian.reshape(count, 6, -1)[:, : 5 if self.free else 6]
             null = np.linalg.svd(rows)[2][:, -free:]
-            guesses = best.q[:, None] + size * np.einsum("sf,kfn->ksn", sides, null)
-            many = np.repeat(places, len(sides), axis=0)
-            found = solver.solve_batch(arm, many, arm.limits.clip(guesses.reshape(-1, arm.dof)), task=task)
-            near = found.ok & (np.abs(found.q - guesses.reshape(-1, arm.dof)).max(axis=1) < size)
-            near[near] = self._allowed(found.q[near], [rungs[row // len(sides)] for row in np.flatnonzero(near)])
-            near = near.reshape(count, -1) & ~kept[:, None]
-            near[0] &= (self.start is None and not len(self.avoided)) or first > 0
-            q = found.q.reshape(count, len(sides), -1)
+            even = self._even(first, best.q, null, fixed, low, high)
+            moves = [size * np.einsum("sf,kfn->ksn", sides, null), even[:, None] * EVEN[:, None]]
+            guesses = (best.q[:, None] + np.concatenate(moves, axis=1)).reshape(-1, arm.dof)
+            many = np.repeat(places, width := len(sides) + len(EVEN), axis=0)
+            found = solver.solve_batch(arm, many, np.clip(guesses, low, high), task=task)
+            near = found.ok & (np.abs(found.q - guesses).max(axis=1) < self.settings.finest)
+            near[near] = self._allowed(found.q[near], [rungs[row // width] for row in np.flatnonzero(near)])
+            near &= (found.q >= low - 0.5 * margin).all(axis=1) & (found.q <= high + 0.5 * margin).all(axis=1)
+            near = near.reshape(count, -1) & ~fixed[:, None]
+            at_limit = ((best.q < low - 0.5 * margin) | (best.q > high + 0.5 * margin)).any(axis=1)
+            own = ~at_limit | ~near.any(axis=1)
+            q = found.q.reshape(count, width, -1)
             around = []
             for k, rung in enumerate(rungs):
-                nodes = np.concatenate([best.q[k : k + 1], q[k][near[k]]])
+                nodes = np.concatenate([best.q[k : k + own[k]], q[k][near[k]]])
                 around.append(Rung(rung.route, rung.s, rung.place, rung.at, nodes, np.ones(len(nodes), dtype=bool)))
             rates, start = rates_of(checker, arm, np.concatenate([each.q for each in around]), self.settings.costs), 0
             for each in around:
@@ -485,6 +523,57 @@ class Search:
                 if gained < ENOUGH and size < self.settings.finest / 8.0:
                     break
         return best
+
+    def _even(self, first: int, q: Array, null: Array, fixed: Flags, low: Array, high: Array) -> Array:
+        """(k, n) the steps of configurations q (k, n) in their null spaces (k, f, n) towards the least cost.
+
+        The effort is quadratic in the steps from rung to rung; the travel and the time are replaced by squares with the
+        same slope at the present steps (iteratively reweighted least squares). The minimum solves linear equations that
+        are tridiagonal in blocks of f. Joints are kept from ``low`` to ``high``.
+        """
+        from scipy.linalg import solveh_banded
+
+        count, free, _ = null.shape
+        costs, velocity = self.settings.costs, self.arm.limits.velocity
+        speed = np.where(np.isfinite(velocity), velocity, 1.0)
+        duration = self._ladder.durations[first : first + count - 1, None]
+        step = np.diff(q, axis=0)
+        r = np.abs(step) / speed
+        most = r.max(axis=1, keepdims=True)
+        late = (r == most) & (most > np.where(self._ladder.timed[first : first + count - 1, None], duration, 0.0))
+        weight = costs.effort / duration + (0.5 * costs.travel + 0.5 * costs.time * late) / np.maximum(
+            r, SLOW * duration
+        )
+        weight /= speed**2
+        # The blocks on the diagonal and beside it, and the gradient; configurations that are fixed do not move
+        sums = np.zeros_like(q)
+        sums[:-1] += weight
+        sums[1:] += weight
+        pull = np.zeros_like(q)
+        pull[:-1] += weight * step
+        pull[1:] -= weight * step
+        null = np.where(fixed[:, None, None], 0.0, null)
+        own = np.einsum("kan,kn,kbn->kab", null, sums, null)
+        beside = -np.einsum("kan,kn,kbn->kab", null[:-1], weight, null[1:])
+        own += (1e-9 * np.abs(own).max() + 1e-12 + fixed[:, None, None]) * np.eye(free)
+        band = np.zeros((2 * free, count, free))
+        for a, b in product(range(free), repeat=2):
+            band[free - 1 + a - b, 1:, b] = beside[:, a, b]
+        # Joints that would leave their limits are drawn to them
+        held, stop = np.zeros_like(q), np.zeros_like(q)
+        for _ in range(LEAVING):
+            block = own + np.einsum("kan,kn,kbn->kab", null, held, null)
+            for a, b in combinations_with_replacement(range(free), 2):
+                band[2 * free - 1 + a - b, :, b] = block[:, a, b]
+            wanted = np.einsum("kan,kn->ka", null, pull + held * stop)
+            moved = solveh_banded(band.reshape(2 * free, -1), wanted.ravel()).reshape(count, free)
+            moves = np.einsum("ka,kan->kn", moved, null)
+            inside = np.clip(q + moves, low, high)
+            leaving = (inside != q + moves) & (held == 0.0)
+            if not leaving.any():
+                break
+            held[leaving], stop[leaving] = 1e3 * np.abs(own).max(), (inside - q)[leaving]
+        return moves * min(1.0, FARTHEST_EVEN / max(float(np.abs(moves).max()), 1e-12))
 
     def _refine(self, index: int, nodes: npt.NDArray[np.int64]) -> None:
         """Add a rung in the middle of an edge, or remove the edge if its rungs are close to each other."""

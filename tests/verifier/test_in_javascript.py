@@ -6,12 +6,13 @@ import re
 import shutil
 import subprocess
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pinproof.verifier import verify
+from pinproof.verifier import load, verify
 
 from .forging import FORGERIES, Samples, forged, pick, small_proofs
 from .test_tampering import TAMPERINGS
@@ -24,7 +25,7 @@ const verifier = new Function(fs.readFileSync(viewer + "/verifier.js", "utf8") +
 (async () => {
   const verdicts = [];
   for (const line of fs.readFileSync(file, "utf8").split("\\n").filter(Boolean)) {
-    try { verdicts.push(await verifier.verify(JSON.parse(line))); }
+    try { verdicts.push(await verifier.verify(verifier.read(line))); }
     catch (error) {
       if (!(error instanceof SyntaxError)) throw error;  // NaN and Infinity are no JSON
       verdicts.push({ ok: false, reason: "proof: " + error.message });
@@ -39,7 +40,8 @@ def in_javascript(documents, folder):
     node = shutil.which("node")
     if node is None:
         pytest.skip("node is not installed")
-    (folder / "proofs").write_text("\n".join(map(json.dumps, documents)), encoding="utf-8")
+    texts = [each if isinstance(each, str) else json.dumps(each) for each in documents]
+    (folder / "proofs").write_text("\n".join(texts), encoding="utf-8")
     words = [node, "-e", DRIVER, folder / "proofs", VIEWER]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -131,3 +133,18 @@ def test_random_forgeries_have_the_same_verdict_in_javascript(proofs, tmp_path):
     assert set(kinds) == {kind.__name__ for kind in FORGERIES}
     held = agree(documents, tmp_path)
     assert 30 < held < 200
+
+
+def test_a_repeated_key_is_refused_in_javascript_too(proof, tmp_path):
+    text = json.dumps(proof)
+    keys = sorted(set(re.findall(r'"(\w+)": ', text)))
+    repeated = [re.sub(rf'("{key}": )', r"\1null, \1", text, count=1) for key in keys]
+    repeated += [text[:-1] + r', "cl\u0061im": ' + json.dumps(proof["claim"]) + "}"]  # the same key, escaped
+    names = {**proof, "robot": 'a key: "claim": {"x": 1}, \\'}  # no key, inside a text
+    found = in_javascript([*repeated, text, names], tmp_path)
+    for name, verdict in zip([*repeated, text, names], found, strict=True):
+        (tmp_path / "proof.json").write_text(name if isinstance(name, str) else json.dumps(name), encoding="utf-8")
+        with nullcontext() if name in (text, names) else pytest.raises(ValueError, match="repeated"):
+            load(tmp_path / "proof.json")
+        assert ("a key is repeated" in verdict["reason"]) == (name not in (text, names))
+    assert found[-2]["ok"]

@@ -208,7 +208,7 @@ def _cells_of_links(
     buffer = np.full(GRID[0] * GRID[1], -1)
     buffer[(row * GRID[0] + column)[order]] = inside[order]
     front = buffer[buffer >= 0]
-    front = front[~boxes.hide(samples[front], camera @ axes)]
+    front = front[~boxes.hide(samples[front], x[front], axes, camera)]
     return np.bincount(owner[front], minlength=int(owner[-1]) + 1).astype(float)
 
 
@@ -240,15 +240,43 @@ class _Boxes:
         bounds = np.array(corners).reshape(-1, 2, 3)
         return cls(obstacle_from_root[:, :3, :3], obstacle_from_root[:, :3, 3], bounds.min(axis=1), bounds.max(axis=1))
 
-    def hide(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:
-        """Which points (N, 3) a box hides from the camera (3,); points on the surface of a box are not hidden."""
-        start = np.einsum("bij,nj->bin", self.rotation, points) + self.shift[:, :, None]
-        end = self.rotation @ camera + self.shift
+    def hide(self, points: Array, seen: Array, axes: Array, camera: Array) -> npt.NDArray[np.bool_]:
+        """Which points (N, 3) a box hides from the camera; points on the surface of a box are not hidden.
+
+        ``seen`` are the points along the axes of the camera, from the camera, which is at ``camera`` in these axes.
+        """
+        if not len(self.low):
+            return np.zeros(len(points), dtype=bool)
+        # Only points in the rectangle that the ball around a box has in the picture may be behind it
+        centre = np.einsum("bi,bij->bj", 0.5 * (self.low + self.high) - self.shift, self.rotation) @ axes.T - camera
+        radius = 0.5 * np.linalg.norm(self.high - self.low, axis=1)[:, None]
+        nearest, farthest = -centre[:, 2:] - radius, -centre[:, 2:] + radius
+        low, high = centre[:, :2] - radius, centre[:, :2] + radius
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low = np.where(nearest > 0, np.minimum(low / nearest, low / farthest), -np.inf)
+            high = np.where(
+                nearest > 0, np.maximum(high / nearest, high / farthest), np.where(farthest > 0, np.inf, -np.inf)
+            )
+        depth = -seen[:, 2]
+        across, upward = seen[:, :2].T / depth
+        order = np.argsort(across)
+        first, last = (np.searchsorted(across[order], end[:, 0]) for end in (low, high))
+        counts = last - first
+        box = np.repeat(np.arange(len(counts)), counts)
+        point = order[np.arange(len(box)) + np.repeat(first - np.cumsum(counts) + counts, counts)]
+        above, below = upward[point] >= low[box, 1], upward[point] <= high[box, 1]
+        likely = above & below & (depth[point] > nearest[box, 0])
+        box, point = box[likely], point[likely]
+        # Where the line of sight is inside the box
+        start = (np.einsum("kij,kj->ki", self.rotation[box], points[point]) + self.shift[box]).T
+        end = (self.rotation @ (camera @ axes) + self.shift)[box].T
         with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face gives 0 / 0, which is not hidden
-            scale = 1.0 / (end[:, :, None] - start)
-            low, high = (self.low[:, :, None] - start) * scale, (self.high[:, :, None] - start) * scale
-        enter, leave = np.minimum(low, high).max(axis=1), np.maximum(low, high).min(axis=1)
-        return np.asarray((np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)).any(axis=0))
+            scale = 1.0 / (end - start)
+            ends = (self.low[box].T - start) * scale, (self.high[box].T - start) * scale
+        enter, leave = np.minimum(*ends).max(axis=0), np.maximum(*ends).min(axis=0)
+        hidden = np.zeros(len(points), dtype=bool)
+        hidden[point[np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)]] = True
+        return hidden
 
 
 def tool_points(stage: Drawing, poses: Array) -> Array:

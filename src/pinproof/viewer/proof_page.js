@@ -40,7 +40,7 @@
     words.textContent = "";
     let before = performance.now();
     try {
-      const file = JSON.parse(new TextDecoder().decode(await unpack(byId("proof-file").textContent)));
+      const file = ProofVerifier.read(new TextDecoder("utf-8", { fatal: true }).decode(await unpack(byId("proof-file").textContent)));
       const verdict = await ProofVerifier.verify(file, async (share) => {
         if (performance.now() - before < 100) return;
         bar.value = share;

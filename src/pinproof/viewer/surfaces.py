@@ -180,8 +180,9 @@ NOT_IN_NAMES = re.compile(rb"[\x00-\x1f<>\"'|*?]")
 LONGEST_NAME = 200
 """Characters that separate the name of a file from other text, and the largest number of bytes of a name."""
 
-SIDES = 96
-"""Segments of a circle; the end of a capsule then meets its cylinder without visible gaps."""
+LEAST_SIDES, MOST_SIDES, SAGITTA = 24, 96, 2e-4
+"""Segments of a circle, at least and at most, and by how much (m) they may be inside it: of many small bodies a page
+would become large. The number is a multiple of 8."""
 
 PLATE_SIZE, PLATE_THICKNESS = 3.0, 0.002
 """Metres. A half-space is drawn as a square plate of this size just below its plane."""
@@ -287,9 +288,16 @@ def cone(tip: Array, direction: Array, radius: float, height: float, rgba: Rgba)
     return shade(*_cone(radius, height), rgba).moved(a_from_cone)
 
 
-def revolved(radii: npt.ArrayLike, heights: npt.ArrayLike, *, sides: int = SIDES) -> Triangles:
+def sides_of(radius: float) -> int:
+    """The number of segments with which a circle is drawn."""
+    least = np.pi / np.arccos(max(1.0 - SAGITTA / radius, 0.0))
+    return int(np.clip(8 * np.ceil(least / 8), LEAST_SIDES, MOST_SIDES))
+
+
+def revolved(radii: npt.ArrayLike, heights: npt.ArrayLike, *, sides: int | None = None) -> Triangles:
     """The surface that a profile of M points describes about z, from a point on the axis to a point on the axis."""
     radius, height = np.asarray(radii, dtype=float), np.asarray(heights, dtype=float)
+    sides = sides or sides_of(float(radius.max()))
     rings = len(radius) - 2  # the first and the last point are on the axis
     angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -323,6 +331,11 @@ def _sphere(radius: float) -> Triangles:
     return _capsule(radius, 0.0)
 
 
+def _ellipsoid(*radii: float) -> Triangles:
+    vertices, triangles = _sphere(max(radii))
+    return vertices * np.array(radii) / max(radii), triangles
+
+
 def _cylinder(radius: float, length: float) -> Triangles:
     return revolved([0, radius, radius, 0], [-length / 2, -length / 2, length / 2, length / 2])
 
@@ -332,7 +345,7 @@ def _cone(radius: float, length: float) -> Triangles:
 
 
 def _capsule(radius: float, length: float) -> Triangles:
-    angles = np.linspace(-np.pi / 2, 0, SIDES // 4 + 1)
+    angles = np.linspace(-np.pi / 2, 0, sides_of(radius) // 4 + 1)
     radii, heights = radius * np.cos(angles), radius * np.sin(angles) - length / 2
     ends = slice(None, -1) if length == 0 else slice(None)
     radii, heights = np.concatenate([radii, radii[ends][::-1]]), np.concatenate([heights, -heights[ends][::-1]])
@@ -353,7 +366,7 @@ SHAPES: dict[type, Callable[[Any], Triangles]] = {
     collision.Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
     collision.Capsule: lambda shape: _capsule(shape.radius, shape.length),
     collision.Cone: lambda shape: _cone(shape.radius, shape.length),
-    collision.Ellipsoid: lambda shape: (_sphere(1.0)[0] * [shape.rx, shape.ry, shape.rz], _sphere(1.0)[1]),
+    collision.Ellipsoid: lambda shape: _ellipsoid(shape.rx, shape.ry, shape.rz),
     collision.HalfSpace: lambda _: (PLATE[0] - [0.0, 0.0, PLATE_THICKNESS / 2], PLATE[1]),
     collision.ConvexShape: _hull,
     collision.Mesh: lambda shape: (collision.triangles_of(shape).vertices, collision.triangles_of(shape).triangles),

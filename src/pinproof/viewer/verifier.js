@@ -520,5 +520,14 @@ const ProofVerifier = (() => {
     }
   }
 
-  return { verify };
+  /** The proof of a text. Repeated keys, of which readers may use either, are refused. @param {string} text */
+  function read(text) {
+    // JSON has one name for each key, if it is valid; a text between quotation marks before a colon is a key.
+    const file = JSON.parse(text), written = text.match(/"(?:[^"\\]|\\.)*"(?:\s*:)?/g)?.filter((token) => token.endsWith(":")).length ?? 0;
+    const keys = (value) => typeof value !== "object" || value === null ? 0 : Object.values(value).reduce((sum, part) => sum + keys(part), Array.isArray(value) ? 0 : Object.keys(value).length);
+    if (keys(file) !== written) throw new SyntaxError("a key is repeated");
+    return file;
+  }
+
+  return { read, verify };
 })();

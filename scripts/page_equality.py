@@ -66,7 +66,7 @@ def compare_targets(checker: pp.CollisionChecker, count: int) -> str:
         every = None
         with suppress(NoClosedForm):
             redundant = analytic.redundant_joints(arm)
-            values = {"redundant_values": [q0[own][redundant[0]]]} if redundant else {}
+            values = {"redundant_values": [np.take(q0[own], redundant)]} if redundant else {}
             every = analytic.solve_all(arm, target, q0[own], **values)
         expected.append((own, clik.solve(arm, target, q0[own]), every))
         asked.append((index, arm.root_from_base.homogeneous @ target, q0))

@@ -267,9 +267,56 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
     assert words == "pinproof cell sequence picks.yaml --place '0.2 -0.1 0 0'"
 
 
+def judged_for_a_page(setup: PickSetup, index: int, pick: pp.Pick) -> dict[str, object]:
+    return {"name": pick.name, "verdict": "good", "failed_at": None}
+
+
+def test_pages_of_campaigns_judge_their_rows_again(visit, pages, bolts, tmp_path):
+    campaign = pp.Campaign(bolts.arm, bolts.scene, bolts.picks, judge=judged_for_a_page)
+    campaign.write_page(campaign.run(tmp_path), pages("campaign"))
+    page = opened(visit, "campaign", 900, 600)
+    expected = [stage_of(verdict) for verdict in bolts.report().verdicts]
+    assert [verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")] == expected
+
+
 def test_picks_on_a_conveyor_are_not_judged_again():
     picks = pp.read_picks(robots_folder() / "ur5" / "conveyor_picks.yaml")
     setup = PickSetup.make(picks.load_arm(), picks.load_scene(), picks, home=None, rng=0)
-    assert LivePicks.of(setup, list(picks.picks), (), None).texts is None
+    assert LivePicks.of([(setup, pick) for pick in picks.picks], (), None).texts is None
     with pytest.raises(pp.InputError, match="conveyor"):
-        LivePicks.of(setup, list(picks.picks), (), True)
+        LivePicks.of([(setup, pick) for pick in picks.picks], (), True)
+
+
+def test_pages_of_two_arms_judge_each_pick_with_its_arm(visit, pages):
+    picks = pp.read_picks(robots_folder() / "two_ur5" / "picks.yaml")
+    chosen = tuple(pick for pick in picks.picks if pick.name in ("part_3_2", "part_4_2"))
+    allocated = pp.cell.allocate(
+        picks.load_cell(), picks.load_scene(), replace(picks, picks=chosen), compare=False, rng=0
+    )
+    allocated.save(pages("allocated"))
+    page = opened(visit, "allocated", 1000, 700)
+    assert page.evaluate("[...document.getElementById('live-thing').options].map((one) => one.value)") == ["grasp"]
+    rows = page.evaluate("pinproof.settings.livePicks.rows")
+    setups = {step.pick.name: one.setup for one in allocated.sequences.values() for step in one.steps}
+    assert len({id(setup) for setup in setups.values()}) == 2
+    rng, found, expected = np.random.default_rng(5), [], []
+    for k, row in [*enumerate(rows)] * 5:
+        setup, pick = setups[row["name"]], next(pick for pick in chosen if pick.name == row["name"])
+        grasp = SE3(np.reshape(row["grasps"][0]["pose"], (4, 4)))
+        shift = pose(xyz=rng.uniform(-0.4, 0.4, 3)) if len(found) > 1 else SE3.Identity()
+        page.evaluate(f"document.querySelectorAll('#rows tr')[{k}].click()")
+        rows_of_pose = json.dumps(matrix(shift * grasp).ravel().tolist())
+        page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({rows_of_pose}), true)")
+        found.append(page.evaluate(f"pinproof.again.now().verdicts[{k}].stage"))
+        page.click("#live-undo")
+        changed = replace(pick, pose=shift * grasp, frame="", place=None)
+        things = [
+            replace(t, pose=shift * t.pose) if t.name == row["object"] else t for t in setup.checker.scene.obstacles
+        ]
+        budget = PickBudget(compared=1, remedies=0, motion=0)
+        scene, shared = replace(setup.checker.scene, obstacles=tuple(things)), replace(setup.shared, picks=(changed,))
+        report = pp.validate_picks(setup.checker.arm, scene, shared, home=setup.home, rng=0, budget=budget)
+        expected.append(stage_of(report.verdicts[0]))
+    assert found == expected
+    assert {None, "grasp"} <= set(found)
+    assert "with the other arms at home" in page.text("#live-scope")

@@ -40,7 +40,10 @@ COLUMNS = ("#", "Pick", "Start", "Duration", "Clearance", "Limited by")
 
 
 class CellRow(NamedTuple):
-    """A pick of the table: its times (s), its proven clearance (m), and what limits its duration."""
+    """A pick of the table: its times (s), its proven clearance (m), and what limits its duration.
+
+    The page may judge it again in its ``setup``.
+    """
 
     name: str
     pick: Pick
@@ -48,6 +51,7 @@ class CellRow(NamedTuple):
     duration: float
     clearance: float
     limited_by: str
+    setup: PickSetup | None = None
 
 
 def write_cell_page(
@@ -68,14 +72,13 @@ def write_cell_page(
     acceleration_source: str,
     several: bool = False,
     heat_map: viewer.ColouredPoints | None = None,
-    setup: PickSetup | None = None,
-    live: bool | None = False,
+    live: bool | None = None,
 ) -> None:
     """Write the page of a film of ``duration`` (s), whose carried parts are obstacles of the stage.
 
     ``rows`` are the picks in order, ``parts`` what picks carry by their names, ``bars`` and ``lanes`` the Gantt chart,
-    of which each lane is an arm if there are ``several``, otherwise a phase. The page computes with the ``setup`` of
-    the picks if that is wanted (``live``, see :meth:`pinproof.picks.PickReport.save`). ViewerError if the robot has
+    of which each lane is an arm if there are ``several``, otherwise a phase. The page computes with the setups of
+    the rows if that is wanted (``live``, see :meth:`pinproof.picks.PickReport.save`). ViewerError if the robot has
     nothing to draw, or the page cannot be written.
     """
     if not any(link.surfaces for link in stage.links):
@@ -117,7 +120,9 @@ def write_cell_page(
     names = [row.pick.name for row in rows] + [name for name, _ in left_out]
     picks = viewer.panels.linked(names, colours, stage.nodes(parts.get(name) for name in names))
     moments = [[row.start, row.start + row.duration] for row in rows]
-    computing = LivePicks.of(setup, [*(row.pick for row in rows), *[None] * len(left_out)], stage.links, live)
+    computing = LivePicks.of(
+        [*((row.setup, row.pick) if row.setup else None for row in rows), *[None] * len(left_out)], stage.links, live
+    )
     text = viewer.panels.page(
         title,
         "cell",

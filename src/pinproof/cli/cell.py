@@ -209,6 +209,7 @@ def cell_allocate(
     output: list[Path] | None = option(
         "A .json, .md or .html file; can be given several times.", None, "-o", "--output", metavar="FILE"
     ),
+    live: Live = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -236,7 +237,7 @@ def cell_allocate(
             progress=progress,
         )
     for path in outputs:
-        result.save(path)
+        result.save(path, live=live)
     print_result(result.to_dict(), [result.to_text(), *written(*outputs)], as_json=as_json, ok=result.ok)
 
 

@@ -186,7 +186,13 @@ def states_paths(file: Path) -> bool:
 
 
 def run_campaign(
-    campaign: ItemCampaign, folder: Path, pool: WorkerOptions, page: Path | None = None, *, as_json: bool
+    campaign: ItemCampaign,
+    folder: Path,
+    pool: WorkerOptions,
+    page: Path | None = None,
+    *,
+    live: bool | None = None,
+    as_json: bool,
 ) -> None:
     """Run a campaign with a progress bar, print its summary, and write its page; exit code 1 unless all are good.
 
@@ -214,6 +220,6 @@ def run_campaign(
             f"{result.to_retry:,} {campaign.items} crashed their workers; run the same command again to retry them"
         )
     if page is not None:
-        campaign.write_page(result, page)
+        campaign.write_page(result, page, live=live)
     lines += [*(f"not covered: {note}" for note in result.notes), *written(result.path, page)]
     print_result(result.to_dict(), lines, as_json=as_json, ok=result.ok)

@@ -178,7 +178,7 @@ def pick(
             raise InputError(f"{path}: with --campaign, -o writes a page and must end in .html")
         check_output_files([path])
         arm, world, source = cell.open(file)
-        run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, pool, path, as_json=as_json)
+        run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, pool, path, live=out.live, as_json=as_json)
         return
     # Every pick is judged in all stages, unless the language has no programs of the arm.
     if out.export is not None:

@@ -39,7 +39,7 @@ class PathCampaign(ItemCampaign):
         super().__init__(setup, source, judge_path, items="paths")
         self._settings = setup.settings
 
-    def write_page(self, result: CampaignResult, path: str | Path) -> None:
+    def write_page(self, result: CampaignResult, path: str | Path, *, live: bool | None = None) -> None:
         """Write an HTML page with the paths, red where they cannot be passed, and a table of the first rows."""
         from pinproof.viewer import ColouredPoints, write_html
 
@@ -61,7 +61,7 @@ class PathCampaign(ItemCampaign):
         table = Rows(("path", "verdict", "duration [s]", "reason"), rows, result.total).html(SHOWN)
         panel = f'<section class="below"><p>{escape(result.summary)}</p>{table}</section>'
         write_html(path, checker.group, checker.scene, attached=checker.attached, points=shown, panel=panel,
-                   title=result.summary)  # fmt: skip
+                   title=result.summary, live=live)  # fmt: skip
 
 
 def path_campaign(job: ToolJob, *, checker: CollisionChecker | None = None, rng: int = 0) -> PathCampaign:

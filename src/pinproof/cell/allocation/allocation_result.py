@@ -285,7 +285,11 @@ class AllocationResult(Answer, Saved, Written):
     def __iter__(self) -> Iterator[ArmTime]:
         return iter(self.arms)
 
-    def _write_page(self, path: str | Path) -> None:
+    def save(self, path: str | Path, *, live: bool | None = None) -> None:
+        """Write the result as JSON, Markdown, or as a page (.html); ``live`` is that of :meth:`PickReport.save`."""
+        self._save(path, live=live)
+
+    def _write_page(self, path: str | Path, *, live: bool | None) -> None:
         """Write the page of all arms; ViewerError if the robots have nothing to draw, or it cannot be written."""
         if not self.programs:
             raise InputError("no pick is executed that a page could show")
@@ -294,6 +298,7 @@ class AllocationResult(Answer, Saved, Written):
         rows, bars = [], []
         for arm, pieces in self.programs.items():
             sequence = self.sequences[arm]
+            setup = sequence.setup if self.free else None
             for piece in pieces:
                 label = ", ".join(filter(None, (piece.pick, piece.name)))
                 bars.append(Bar(arm, piece.name, piece.start, piece.duration, f"{arm}: {label}"))
@@ -301,7 +306,9 @@ class AllocationResult(Answer, Saved, Written):
                 name, own = step.pick.name, [piece for piece in pieces if piece.pick == step.pick.name]
                 limited_by = step.limited_by.replace(f"{arm}{PART}", "")
                 start, duration = own[0].start, own[-1].end - own[0].start
-                rows.append(CellRow(f"{name} ({arm})", step.pick, start, duration, step.verdict.clearance, limited_by))
+                rows.append(
+                    CellRow(f"{name} ({arm})", step.pick, start, duration, step.verdict.clearance, limited_by, setup)
+                )
         figures = [(f"makespan{guess_mark(self.group.limits.acceleration_source)}", f"{self.makespan:.1f} s")]
         if np.isfinite(self.ratio):
             figures.append(("of the time of one arm", f"{100 * self.ratio:.0f} %"))
@@ -346,4 +353,5 @@ class AllocationResult(Answer, Saved, Written):
             lanes=arms,
             acceleration_source=self.group.limits.acceleration_source,
             several=True,
+            live=live,
         )

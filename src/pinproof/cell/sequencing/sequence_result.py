@@ -586,8 +586,17 @@ class SequenceResult(Answer, Saved, Written):
                 carried = tuple(thing for thing in motion.attached if thing.name not in own)
                 phases.append(FilmPhase(motion.trajectory, carried, held=motion.held, start=start))
         # The rows of the table, and the bars of the chart
+        is_free = all(motion.certificate.free for motion in self.motions)
         rows = [
-            CellRow(step.name, step.pick, step.start, step.duration, step.verdict.clearance, step.limited_by)
+            CellRow(
+                step.name,
+                step.pick,
+                step.start,
+                step.duration,
+                step.verdict.clearance,
+                step.limited_by,
+                setup if is_free else None,
+            )
             for step in self.steps
         ]
         bars = [
@@ -598,7 +607,6 @@ class SequenceResult(Answer, Saved, Written):
         if self.closing is not None:
             name = self._closing_phase
             bars.append(Bar(name, name, end, self.closing_time, name))
-        free = "FREE" if all(motion.certificate.free for motion in self.motions) else "UNPROVEN"
         write_cell_page(
             path,
             stage,
@@ -610,7 +618,10 @@ class SequenceResult(Answer, Saved, Written):
                 *self._program_time,
                 ("parts per minute", f"{self.parts_per_minute:.1f}"),
                 ("above the lower bound", f"{100 * self.gap:.1f} %"),
-                (f"motions, smallest proven clearance {proven_millimetres(self.clearance)}", free),
+                (
+                    f"motions, smallest proven clearance {proven_millimetres(self.clearance)}",
+                    "FREE" if is_free else "UNPROVEN",
+                ),
                 *((f"twist from home of {own.joint}", str(own).removeprefix(own.joint)) for own in self._budgeted),
             ],
             notes=[f"Not covered: {note}" for note in self.notes],
@@ -622,7 +633,6 @@ class SequenceResult(Answer, Saved, Written):
             lanes=[name for name in PHASES if name not in (*CHANGE, UNWIND) or name in self.by_phase],
             acceleration_source=self.acceleration_source,
             heat_map=heat_map,
-            setup=setup if free == "FREE" else None,
             live=live,
         )
 

@@ -39,7 +39,7 @@ from pinproof.picks.judging.conveyor import judge_on_conveyor, on_conveyor
 from pinproof.picks.judging.grasp import PickCheck
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict
-from pinproof.picks.report.page import write_page
+from pinproof.picks.report.page import MOST_ROWS, write_page
 from pinproof.picks.report.report import PickReport, problem_row
 from pinproof.work import (
     IN_FLIGHT,
@@ -469,19 +469,20 @@ class CampaignResult(Shown, Written):
         scene: Scene | None = None,
         picks: Picks | None = None,
         title: str | None = None,
+        live: bool | None = None,
     ) -> None:
         """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in ``path``.
 
         The rows of a campaign contain no motions, so the page does not animate any. Arguments and errors are those of
         :meth:`PickReport.save` for ``.html``, the only suffix. A result that was opened from its folder needs ``arm``,
-        ``scene`` and ``picks``.
+        ``scene`` and ``picks``. The page judges again the rows whose picks are in ``picks``.
         """
         if self.items != "picks":
             raise InputError(f"{path}: there are pages for campaigns of picks only; the rows are in {self.path}")
         if Path(path).suffix.lower() != ".html":
             raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
         rows = ((row, None) for row in self.rows())
-        write_page(path, self, rows, self.verdicts, arm=arm, scene=scene, picks=picks, title=title)
+        write_page(path, self, rows, self.verdicts, arm=arm, scene=scene, picks=picks, title=title, live=live)
 
 
 def _is_to_retry(row: Mapping[str, Any]) -> bool:
@@ -536,9 +537,9 @@ class ItemCampaign:
     def __len__(self) -> int:
         return len(self._source)
 
-    def write_page(self, result: CampaignResult, path: str | Path) -> None:
-        """Write the page of a result of this campaign."""
-        result.save(path)
+    def write_page(self, result: CampaignResult, path: str | Path, *, live: bool | None = None) -> None:
+        """Write the page of a result of this campaign; ``live`` is that of :meth:`PickReport.save`."""
+        result.save(path, live=live)
 
     def header(self) -> dict[str, Any]:
         """The first line of the file of rows: the identity of the campaign, and what its verdicts do not cover."""
@@ -711,3 +712,9 @@ class Campaign(ItemCampaign):
         source = as_source(picks)
         setup = PickSetup.make(arm, scene, source.shared, home=home, rng=rng, checks=checks)
         super().__init__(setup, source, judge, items="picks")
+        self._shared = setup.shared
+
+    def write_page(self, result: CampaignResult, path: str | Path, *, live: bool | None = None) -> None:
+        """Write the page of a result of this campaign, which judges the picks of its rows again."""
+        shown = tuple(pick for pick in self._source.part(0, MOST_ROWS) if isinstance(pick, Pick))
+        result.save(path, picks=replace(self._shared, picks=shown), live=live)

@@ -24,12 +24,11 @@ function configurationsAt({ model, web }, arm, target) {
 
 /** The same pose with joints inside their limits by full rotations where possible. */
 const turnedInside = (web, q) => q.map((v, k) => {
-  const { lower, upper, unit } = web.joints[k];
-  if (unit !== "rad" || (v >= lower && v <= upper)) return v;
-  const turned = v + Math.ceil((lower - 1e-9 - v) / (2 * Math.PI)) * 2 * Math.PI;
-  return turned <= upper ? turned : v;
+  const by = insideBy(web.joints[k], v), turns = 2 * Math.PI * Math.ceil((-by - 1e-9) / (2 * Math.PI));
+  if (by >= 0 || web.joints[k].unit !== "rad") return v;
+  return [v + turns, v - turns].find((turned) => insideBy(web.joints[k], turned) >= -1e-9) ?? v;
 });
-const excess = (web, q) => q.map((v, k) => Math.max(web.joints[k].lower - v, v - web.joints[k].upper, 0));
+const excess = (web, q) => q.map((v, k) => Math.max(-insideBy(web.joints[k], v), 0));
 
 /** Contacts at q without those of the hand with its object; whether these two are the closest ones is `near`. */
 function contactsAt({ model, owners, hand }, object, q) {
@@ -89,7 +88,8 @@ function offerPicks() {
   count.setAttribute("role", "status");
   const proven = "Proven: the motions of the good picks. ";
   state.textContent = proven + "Nothing was moved.";
-  things.append(new Option("Grasp of the selected pick", "grasp"), new Option("Robot (its base, on the floor)", "base"));
+  things.append(new Option("Grasp of the selected pick", "grasp"));
+  if (again.arms === 1) things.append(new Option("Robot (its base, on the floor)", "base"));
   const entries = poseEntries((pose) => moveTo(pose, true));
   const buttons = makeButtons([
     ["live-next", "Next IK solution", () => {
@@ -100,22 +100,22 @@ function offerPicks() {
     ["live-command", "Copy as command", asCommand],
     ["live-undo", "Undo all", undo],
   ]);
-  details.append(make("summary", "Move this grasp or the base"), things, ...entries.parts, count, stages, pair, figures, scope, ...buttons);
+  details.append(make("summary", again.arms === 1 ? "Move this grasp or the base" : "Move this grasp"), things, ...entries.parts, count, stages, pair, figures, scope, ...buttons);
   panel.append(state, details);
 
   // --- the cells of the hands, what was moved, and the verdicts ---
   const cells = [], shifts = new Map(), carried = new Map();  // displacements of grasps by row, and of objects by name
-  let base = new THREE.Matrix4(), row = 0, solution = 0, showing = false, chosenAnew = false, turn = 0, judged = 0, checked = null, q = [...again.hands[0].home];
+  let base = new THREE.Matrix4(), row = 0, solution = 0, showing = false, chosenAnew = false, turn = 0, judged = 0, checked = null, shownCell = null;
   const verdicts = again.rows.map(() => /** @type {any} */ (null));
   const isMoved = () => shifts.size > 0 || !base.equals(new THREE.Matrix4());
-  const obstacles = new Map(again.hands[0].obstacles.map((thing) => [thing.name, thing]));
+  const obstacles = new Map(again.hands.flatMap((web) => web.obstacles.map((thing) => [thing.name, thing])));
   const picture = pictureOf(obstacles);
 
   async function load() {
     const core = await unpack(byId("core").textContent);
     const model = async (id, web) => byId(id) && CellModel.load(core, new Float64Array(await unpack(byId(id).textContent)), web.arms.length + 1);
     for (const [k, web] of again.hands.entries()) {
-      const shared = { web, hand: new Set(web.hand), obstacles: new Map(web.obstacles.map((thing) => [thing.name, thing])) };
+      const shared = { web, q: [...web.home], hand: new Set(web.hand), obstacles: new Map(web.obstacles.map((thing) => [thing.name, thing])) };
       const exact = await model("exact" + k, web);
       cells.push({ ...shared, model: await model("cell" + k, web), owners: web.owners, tipFromTcp: matrixOf(web.tip).invert(),
         exact: exact && { ...shared, model: exact, owners: web.exactOwners } });
@@ -188,7 +188,10 @@ function offerPicks() {
     // Picks whose poses are in the frame of the object move with it, as they do when the file of the scene is changed
     put(carried, thing.name);
     again.rows.forEach((own, j) => own?.anchor === thing.name && put(shifts, j));
-    for (const model of models()) model.move(...thing.bodies, rowsOf(shiftOf(k)));
+    for (const cell of cells) for (const model of [cell.model, cell.exact?.model]) {
+      const own = cell.obstacles.get(thing.name);  // the cells of several arms may have other obstacles
+      if (own) model?.move(...own.bodies, rowsOf(shiftOf(k)));
+    }
     if (!shift) nodeOf("scene", thing.name).set_transform(matrixOf(thing.pose).toArray());
   }
 
@@ -271,16 +274,17 @@ function offerPicks() {
     const cell = found?.cell ?? cells[0];
     if (found?.q.length) {
       // The configuration nearest to the one shown, so that the arm follows what is dragged
-      const far = (other) => other.reduce((sum, v, k) => sum + Math.abs(v - q[k]), 0), sorted = [...found.q].sort((one, other) => far(one) - far(other));
-      q = sorted[solution ? sorted.length > 1 ? 1 + (solution - 1) % (sorted.length - 1) : 0 : 0];
+      const far = (other) => other.reduce((sum, v, k) => sum + Math.abs(v - cell.q[k]), 0), sorted = [...found.q].sort((one, other) => far(one) - far(other));
+      cell.q = sorted[solution ? sorted.length > 1 ? 1 + (solution - 1) % (sorted.length - 1) : 0 : 0];
     }
-    checked = contactsAt(cell, again.rows[row]?.object ?? null, q);
+    shownCell = cell;
+    checked = contactsAt(cell, again.rows[row]?.object ?? null, cell.q);
     const { touching, text } = describeContacts(cell.web, checked.contacts, checked.closest);
     const free = found?.passed === STAGES.length;
     pair.textContent = !found?.q.length ? "" : free && touching.length ? "Convex hulls of meshes touch, the meshes do not."
       : checked.near && !touching.length ? "Closest: the hand and its object, which may touch; all others are " + millimetres(checked.lower) + " apart or more" : text;
     pair.className = touching.length && !free ? "state bad" : "state";
-    figures.textContent = found?.q.length ? figuresOf(cell.web, checked, q) : "";
+    figures.textContent = found?.q.length ? figuresOf(cell.web, checked, cell.q) : "";
     if (!showing) return;
     picture.drawPair(found?.q.length && !touching.length ? checked.closest : null);
     picture.paint(new Set(found?.q.length && !free ? checked.contacts.flatMap(({ a, b }) => [cell.owners[a], cell.owners[b]]) : []));
@@ -297,7 +301,7 @@ function offerPicks() {
       return make("li", (failed ? "\u2717 " : "\u2713 ") + stage + what, failed ? "bad" : "good");
     }));
     const object = own && obstacles.has(own.object) ? own.object : null;
-    scope.textContent = own ? "Not judged here: " + again.unjudged.join(", ") + ". " + (settings.moments ? "Each pick is judged in the scene at the start of the sequence. " : "") + (things.value === "base" ? "Picks and obstacles stay where they are."
+    scope.textContent = own ? "Not judged here: " + again.unjudged.join(", ") + ". " + (settings.moments ? "Each pick is judged in the scene at the start of the sequence" + (again.arms > 1 ? ", with the other arms at home. " : ". ") : "") + (things.value === "base" ? "Picks and obstacles stay where they are."
       : object ? object + " moves with the grasp." : "Only the grasp moves: the pick names no obstacle as its object.") : "This row is not judged here.";
     byId("live-next").disabled = !found || found.q.length < 2;
     entries.show(poseNow(), things.value === "base");
@@ -319,7 +323,7 @@ function offerPicks() {
     }
     if (showing && animator.playing) leave();
     if (showing && checked) {
-      const { web } = cells[0], tcp = web.arms[0].tcp;
+      const { web } = shownCell, tcp = web.arms[0].tcp;
       placeFrames(web.frames, checked.poses);
       const moved = new THREE.Matrix4().fromArray([...checked.poses[tcp]]).multiply(new THREE.Matrix4().fromArray([...atHome.poses[tcp]]).invert());
       for (const { object, home } of fingers) {
@@ -330,16 +334,20 @@ function offerPicks() {
     render();
     picture.placeGap();
   };
-  const selecting = onSelect;
+  // Of the picks that are executed at the same time, the one that the reader chose
+  const selecting = onSelect, choosing = onChoose, isSelected = (one) => one?.getAttribute("aria-selected") === "true";
+  onChoose = (k) => {
+    row = k;
+    choosing(k);
+  };
   onSelect = () => {
     selecting();
-    row = rows.findIndex((one) => one.getAttribute("aria-selected") === "true");
-    if (row < 0) row = 0;
+    if (!isSelected(rows[row])) row = Math.max(rows.findIndex(isSelected), 0);
     solution = 0;
     chosenAnew = true;
     viewer.set_dirty();
   };
-  row = Math.max(rows.findIndex((one) => one.getAttribute("aria-selected") === "true"), 0);
+  row = Math.max(rows.findIndex(isSelected), 0);
   details.addEventListener("toggle", () => {
     if (details.open && !cells.length && window.pinproof.live === null) window.pinproof.live = load().catch(withdraw);
     refresh();
@@ -362,13 +370,13 @@ function offerPicks() {
   }
   function asCommand() {
     const [x, y, z, , , yaw] = valuesOf(base), placed = [x / 1000, y / 1000, z / 1000, yaw * DEGREE].map(short).join(" ");
-    return "pinproof " + (settings.moments ? "cell sequence " : "pick ") + quoted(again.file) + (base.equals(new THREE.Matrix4()) ? "" : " --place '" + placed + "'")
+    return "pinproof " + (again.arms > 1 ? "cell allocate " : settings.moments ? "cell sequence " : "pick ") + quoted(again.file) + (base.equals(new THREE.Matrix4()) ? "" : " --place '" + placed + "'")
       + (shifts.size ? "  # after the change of the files" : "");
   }
   const withdraw = (error) => {
     panel.replaceChildren(make("p", "This page does not judge picks again: " + (error.message || error), "state"));
   };
-  const now = () => ({ row, q, showing, judged, shifts, base: rowsOf(base), contacts: checked?.contacts ?? [], loaded: cells.length,
+  const now = () => ({ row, q: shownCell?.q, showing, judged, shifts, base: rowsOf(base), contacts: checked?.contacts ?? [], loaded: cells.length,
     verdicts: verdicts.map((found) => found && { stage: STAGES[found.passed] ?? null, reason: found.reason, count: found.count }) });
   Object.assign(window.pinproof, { live: null, again: { moveTo, matrixOf, poseNow, now } });
 }

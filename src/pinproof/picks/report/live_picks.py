@@ -30,16 +30,12 @@ class LivePicks(NamedTuple):
 
     @classmethod
     def of(
-        cls,
-        setup: PickSetup | None,
-        picks: Sequence[Pick | None],
-        links: Sequence[viewer.DrawnLink],
-        wanted: bool | None,
+        cls, picks: Sequence[tuple[PickSetup, Pick] | None], links: Sequence[viewer.DrawnLink], wanted: bool | None
     ) -> LivePicks:
-        """Describe the picks of the rows of a table, None for rows without one, in the cell of their verdicts.
+        """Describe the picks of the rows of a table, None for rows without one, in the setups of their verdicts.
 
-        ``links`` are drawn. If ``wanted`` is None, the page computes if that enlarges it by 1 MB at most; without the
-        meshes of the links, if they are too large.
+        Several setups are those of several arms in one scene. ``links`` are drawn. If ``wanted`` is None, the page
+        computes if that enlarges it by 1 MB at most; without the meshes of the links, if they are too large.
 
         Raises
         ------
@@ -47,26 +43,30 @@ class LivePicks(NamedTuple):
             If it is wanted but there is no setup, or the picks are on a conveyor.
         """
         nothing = cls({}, None, "")
-        if wanted is False or (wanted is None and (setup is None or setup.shared.conveyor is not None)):
+        setups = list({id(row[0]): row[0] for row in picks if row is not None}.values())
+        belt = any(setup.shared.conveyor is not None for setup in setups)
+        if wanted is False or (wanted is None and (not setups or belt)):
             return nothing
-        if setup is None:
+        if not setups:
             raise InputError("a page can only judge proven picks again, in the setup in which they were judged")
-        setup.shared.refuse_conveyor("judging in a page")
+        for setup in setups:
+            setup.shared.refuse_conveyor("judging in a page")
         cells: dict[Hashable, PickCell] = {}
         families: dict[Hashable, int] = {}
         described: list[dict[str, Any]] = []
         rows: list[dict[str, Any] | None] = []
-        for pick in picks:
+        for row in picks:
             try:
-                tasks = [] if pick is None else [PickTask(grasp, setup.cell) for grasp in setup.shared.grasps_of(pick)]
+                tasks = [] if row is None else [PickTask(own, row[0].cell) for own in row[0].shared.grasps_of(row[1])]
             except InputError:
                 tasks = []
-            if pick is None or not tasks:
+            if row is None or not tasks:
                 rows.append(None)
                 continue
+            setup, pick = row
             grasps = []
             for task in tasks:
-                own, key = task.pick, setup.shared.hand_key(task.pick)
+                own, key = task.pick, (id(setup), setup.shared.hand_key(task.pick))
                 cells.setdefault(key, task.cell)
                 axis = own.axis_in(own.pose)
                 same = own.spin.angles, own.tolerance, axis.tobytes() if len(own.spin.angles) > 1 else b""
@@ -81,12 +81,13 @@ class LivePicks(NamedTuple):
                         "rooted": own.approach_frame != TIP,
                     }
                 )
+            anchor = _ends(setup, pick.frame)
             rows.append(
                 {
                     "name": pick.name,
                     "frame": pick.frame,
                     "frameAt": _rows(tasks[0].root_from(pick.frame)),
-                    "anchor": (anchor := _ends(setup, pick.frame)),
+                    "anchor": anchor,
                     "onRobot": bool(anchor) and anchor not in setup.checker.scene,
                     "object": tasks[0].name if tasks[0].from_scene else None,
                     "stated": not pick.by_part,
@@ -96,24 +97,26 @@ class LivePicks(NamedTuple):
         if not cells:
             return nothing
         # The cell of each hand, with the meshes of links if the page does not become too large
-        drawn = tuple(link.name for link in links if link.name in setup.checker.arm.robot.urdf.links)
+        drawn = tuple(link.name for link in links if link.name in setups[0].checker.arm.robot.urdf.links)
         try:
             made = [_hand(cell, drawn) for cell in cells.values()]
         except PinproofError:
             if wanted is None:
                 return nothing
             raise
+        shared = [setup.shared for setup in setups]
         later = list(Stage)[list(Stage).index(Stage.GRASP) + 1 :]
-        unjudged = [stage.value for stage in later if stage is not Stage.CHECK or setup.shared.checks]
-        if limits_torque(setup.shared) or any(pick is not None and pick.payload is not None for pick in picks):
+        unjudged = [stage.value for stage in later if stage is not Stage.CHECK or any(own.checks for own in shared)]
+        if any(map(limits_torque, shared)) or any(row is not None and row[1].payload is not None for row in picks):
             unjudged.insert(0, "torque at rest")
-        source = setup.shared.source
+        source = shared[0].source
         again = {
             "hands": [hand for hand, _, _ in made],
             "families": described,
             "rows": rows,
             "unjudged": unjudged,
             "file": "PICKS" if source is None else source.name,
+            "arms": len(setups),
         }
         texts = {"core": made[0][1]["core"], **{f"cell{k}": own["cell"] for k, (_, own, _) in enumerate(made)}}
         exact = {f"exact{k}": finer for k, (_, _, finer) in enumerate(made) if finer}

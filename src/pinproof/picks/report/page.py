@@ -92,12 +92,17 @@ def write_page(
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     settings, commands, remarks = _animated(shown, stage, arm, scene, picks)
     is_own = result.setup is not None and arm is result.setup.checker.arm and scene is result.setup.checker.scene
-    again = [None if verdict is None else verdict.pick for _, verdict in shown]
-    computing = LivePicks.of(result.setup if is_own else None, again, stage.links, live)
+    # The rows of a campaign have no picks: they are those of the same names, if these are stated
+    named = {pick.name: pick for pick in picks.picks}
+    again = [named.get(values["name"]) if verdict is None else verdict.pick for values, verdict in shown]
+    own_setup = result.setup if is_own else None
+    computing = LivePicks.of(
+        [None if own_setup is None or pick is None else (own_setup, pick) for pick in again], stage.links, live
+    )
     settings |= computing.settings
     kinds = [values["verdict"] for values, _ in shown]
     colours = [theme.VERDICTS.get(kind, theme.COLOURS["muted"]) for kind in kinds]
-    known = {pick.name: pick.object_name for pick in (*picks.picks, *(v.pick for _, v in shown if v))}
+    known = {pick.name: pick.object_name for pick in (*picks.picks, *filter(None, again))}
     parts = stage.nodes(known.get(values["name"]) for values, _ in shown)
     settings["picks"] = viewer.panels.linked((values["name"] for values, _ in shown), colours, parts)
     # The captions, without stages and parts once they are too long in total

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -138,26 +139,25 @@ def introduction(results: Results) -> list[str]:
         f"the same seed gave another motion for {', '.join(changed)}" if changed else "equal seeds gave equal motions"
     )
     runs = f"{repeats} times, of which the fastest counts; {same}" if repeats > 1 else "once"
-    other: dict[
-        str, list[Row]
-    ] = {}  # rows of methods that were not measured in the run of the provenance, by their run
-    for method, run in results.settings.get("runs", {}).items():
-        if run != _run_text(results.provenance):
-            other.setdefault(run, []).extend(rows_of(results, "rows", method=method))
+    other: dict[tuple[str, str], list[Row]] = {}  # rows that were not measured in the run of the provenance
+    for row in results["rows"]:
+        if (row.commit, row.date) != _origin(results.provenance):
+            other.setdefault((row.commit, row.date), []).append(row)
     return wrapped(
         f"{len(results['problems'])} problems, each solved {runs}.",
         f"Building the collision checker, which the times do not include, takes {setup} ms (median).",
         *(
-            f"{'; '.join(dict.fromkeys(row.label for row in rows))}: measured with {run}, at load averages of "
-            f"{quantiles((row.load for row in rows), '{:.0f}', (0.0, 1.0)).replace(' / ', ' to ')}."
-            for run, rows in other.items()
+            f"Measured with commit {commit}, {date}, at load averages of "
+            f"{quantiles((row.load for row in rows), '{:.0f}', (0.0, 1.0)).replace(' / ', ' to ')}: "
+            f"{'; '.join(f'{label} ({count})' for label, count in Counter(row.label for row in rows).items())}."
+            for (commit, date), rows in other.items()
         ),
     )
 
 
-def _run_text(origin: Mapping[str, Any]) -> str:
-    """The commit and the date of a run."""
-    return f"commit {origin['commit']}, {origin['date'][:10]}"
+def _origin(provenance: Mapping[str, Any]) -> tuple[str, str]:
+    """The commit and the day of a run."""
+    return provenance["commit"], provenance["date"][:10]
 
 
 def plan_tables(results: Results) -> list[str]:
@@ -320,7 +320,7 @@ def plan_benchmark(
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
     methods = (*map(own_method, planners), *(PEERS if peers is True else peers or ()))
-    run = _Run(methods, seed, repeats)
+    run = _Run(methods, seed, repeats, _origin(origin))
     for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:
             on_progress(full_set)
@@ -339,7 +339,6 @@ def plan_benchmark(
         "remarks": sorted(run.remarks),
         "peer_versions": installed_versions(m.distribution for m in methods if m.python is None)
         | {m.distribution: version_in(m.python, m.distribution) for m in methods if m.python and m.distribution},
-        "runs": dict.fromkeys(dict.fromkeys(row.method for row in run.rows), _run_text(origin)),
     }
     return Results(settings, origin, {"problems": run.problems, "rows": run.rows, "left_out": run.left_out})
 
@@ -363,6 +362,7 @@ class _Run:
     methods: tuple[PlanMethod, ...]
     seed: int
     repeats: int
+    origin: tuple[str, str]
     problems: list[Row] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
@@ -423,6 +423,8 @@ class _Run:
             clearance=None if best.clearance is None else round(best.clearance, 7),
             rejected_edges=best.rejected_edges,
             repeatable=all(same) if same else None,
+            commit=self.origin[0],
+            date=self.origin[1],
             load=round(os.getloadavg()[0], 1),
             message=best.message,
         )

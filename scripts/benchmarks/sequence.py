@@ -19,6 +19,7 @@ from benchmarks.picks import unsafe_motions
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import SequenceRun
+from pinproof.cell.sequencing.windings import within_windings
 from pinproof.description import robots_folder
 from pinproof.picks import PickSetup
 from pinproof.spatial import SE3
@@ -134,7 +135,8 @@ def other_orders(setup: PickSetup, picks: list[pp.Pick]) -> dict[str, float]:
     """Seconds of the certified motions in file order, in nearest-neighbour order, and of the greedy tour."""
     setup = replace(setup, budget=replace(setup.budget, motion=BUDGET.motion))
     stated = Precedence.stated((pick.name for pick in picks), ())
-    run = SequenceRun(setup, tuple(picks), stated, (setup.home, setup.home), (0.0, 0.0), BUDGET, Runner())
+    ends = setup.home, setup.home
+    run = SequenceRun(within_windings(setup, None), setup, tuple(picks), stated, ends, (0.0, 0.0), BUDGET, Runner())
     run.prepare()
     problem = run.problem()
     in_file = problem.best_options(problem.in_order(tuple(range(problem.count))))

@@ -81,7 +81,7 @@ def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChe
         urdf.write_text(_with_one_rotation(text, problem), encoding="utf-8")
         srdf.write_text(robot_srdf(problem, checker), encoding="utf-8")
         worker = subprocess.Popen(
-            [command[0], Path(__file__).with_name(command[1]), *command[2:]],
+            [command[0], Path(__file__).parent / command[1], *command[2:]],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         job = {

@@ -146,13 +146,15 @@ def introduction(results: Results) -> list[str]:
     return wrapped(
         f"{len(results['problems'])} problems, each solved {runs}.",
         f"Building the collision checker, which the times do not include, takes {setup} ms (median).",
-        *(
-            f"Measured with commit {commit}, {date}, at load averages of "
-            f"{quantiles((row.load for row in rows), '{:.0f}', (0.0, 1.0)).replace(' / ', ' to ')}: "
-            f"{'; '.join(f'{label} ({count})' for label, count in Counter(row.label for row in rows).items())}."
-            for (commit, date), rows in other.items()
-        ),
+        *map(_run_sentence, other.values()),
     )
+
+
+def _run_sentence(rows: Sequence[Row]) -> str:
+    """Which rows were measured in another run, and under which load, where that is known."""
+    load = quantiles((row.load for row in rows), "{:.0f}", (0.0, 1.0)).replace(" / ", " to ")
+    counts = "; ".join(f"{label} ({count})" for label, count in Counter(row.label for row in rows).items())
+    return f"Measured with commit {rows[0].commit}, {rows[0].date}{load and f', load average {load}'}: {counts}."
 
 
 def _origin(provenance: Mapping[str, Any]) -> tuple[str, str]:

@@ -325,3 +325,17 @@ def test_a_certificate_observes_the_distance_of_bodies_that_no_joint_moves(arm_f
     assert certificate.free
     assert 0.0499 < certificate.clearance <= certificate.observed == pytest.approx(0.05, abs=1e-5)
     assert checker.clearance([0.0]) == pytest.approx(0.05, abs=1e-5)
+
+
+def test_many_contacts_are_stated_by_the_nearest_of_each_pair() -> None:
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    found = pp.CollisionChecker(arm, margin=2.0).check(arm.home)
+    pairs = {contact.bodies for contact in found.contacts}
+    assert len(pairs) < len(found.contacts)  # a link is several bodies
+    *stated, last = str(found).split("; ")
+    assert last == f"... ({len(pairs)} pairs in all)"
+    assert len(stated) == 6
+    nearest = {}
+    for contact in found.contacts:
+        nearest.setdefault(contact.bodies, str(contact))
+    assert stated == list(nearest.values())[:6]

@@ -268,16 +268,13 @@ def _file_hint(error: PinproofError) -> str:
     """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
     if not isinstance(error, FileError) or "://" in error.path:  # a URI of a mesh
         return ""
-    # A missing file is often misspelt, or its folder is
     path = Path(error.path)
     try:
         if path.exists():
             return ""
         if not path.parent.exists():
             return f"; the folder {path.parent} does not exist"
-        if not path.parent.is_dir():
-            return ""
-        similar = difflib.get_close_matches(path.name, [file.name for file in path.parent.iterdir()], n=1)
+        similar = difflib.get_close_matches(path.name, [file.name for file in path.parent.iterdir()], n=1, cutoff=0.8)
     except OSError:
         return ""
     return f"; did you mean {path.parent / similar[0]}?" if similar else ""

@@ -311,9 +311,9 @@ def _invalid_end(checker: CollisionChecker, q: Array, goal: int | None, violated
     group = checker.group
     ranges = zip(group.joint_names, q.tolist(), group.limits.lower.tolist(), group.limits.upper.tolist(), strict=True)
     outside = tuple(OutsideLimits(*each) for each in ranges if not each[2] <= each[1] <= each[3])
-    contacts, large = checker.check(q).contacts, q[group.angular & (np.abs(q) > MOST_TURN)]
+    found, large = checker.check(q), q[group.angular & (np.abs(q) > MOST_TURN)]
     violated = [*violated, hint_at_unit(float(large[0]), "rad")] if outside and len(large) else violated
-    return InvalidEnd(q, goal, outside, contacts, "; ".join([*violated, *map(str, contacts)]))
+    return InvalidEnd(q, goal, outside, found.contacts, "; ".join([*violated, *([] if found.free else [str(found)])]))
 
 
 def _failed(status: PlanStatus, message: str, checker: CollisionChecker, ends: list[InvalidEnd]) -> PlanResult:

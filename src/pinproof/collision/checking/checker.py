@@ -78,18 +78,21 @@ class CheckResult(Shown):
         return not self.contacts
 
     def __str__(self) -> str:
-        return "; ".join(str(contact) for contact in self.contacts) or "free"
+        # A link may be several bodies, of which the nearest is named
+        nearest = {contact.bodies: str(contact) for contact in reversed(self.contacts)}
+        texts = [nearest.pop(contact.bodies) for contact in self.contacts if contact.bodies in nearest]
+        more = [f"... ({len(texts)} pairs in all)"] if len(texts) > NAMED else []
+        return "; ".join(texts[:NAMED] + more) or "free"
 
     def _view(self) -> View:
         rows = [(*each.bodies, each.distance * 1e3) for each in self.contacts]
         table = Rows(("body", "body", "distance [mm]"), rows) if rows else None
-        return View(self._headline, [table], map(str, self.contacts), len(rows))
+        title = f"{len(rows)} contact{'' if len(rows) == 1 else 's'}" if rows else "free"
+        return View(title, [table], map(str, self.contacts), len(rows))
 
-    @property
-    def _headline(self) -> str:
-        count = len(self.contacts)
-        return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
 
+NAMED = 6
+"""Largest number of contacts that a message states."""
 
 CHECKERS_KEPT = 16
 """Number of checkers with finer bodies, larger margins or fewer pairs that a checker keeps."""

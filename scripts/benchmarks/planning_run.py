@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -410,6 +410,8 @@ class _Run:
         answers = [solve(self.seed) for _ in range(self.repeats)]
         best = min(answers, key=lambda answer: sum(answer.ms.values()))
         same = [_equal(a.curve, b.curve) for a, b in pairwise(answers)]
+        if best.curve is not None and best.ms.get("plan", 0.0) > 1e3 * TIME_LIMIT:
+            best = replace(best, curve=None, message=f"no path within {TIME_LIMIT:g} s of processor time")
         faults = () if best.curve is None else motion_faults(best.curve, problem, meshes)
         return Row(
             **problem.origin,

@@ -23,8 +23,8 @@ import trimesh
 from lxml import etree
 
 from benchmarks.planning_methods import (
+    ELAPSED_LIMIT,
     NANOSECONDS_PER_MS,
-    TIME_LIMIT,
     PlanAnswer,
     PlanMethod,
     Solve,
@@ -40,8 +40,8 @@ from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix
 
-PATIENCE = 10 * TIME_LIMIT
-"""Seconds after which a process is ended that gives no answer: the time limit at the share of a core under load."""
+PATIENCE = 2 * ELAPSED_LIMIT
+"""Seconds after which a process is ended that gives no answer."""
 
 HALF = np.pi - 1e-3
 """Half the range (rad) of a periodic joint: MPlib may end a motion at a goal shifted by 2 pi if the range is larger."""
@@ -98,7 +98,7 @@ def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChe
             "allowed": [pair.owners for pair in checker.excluded if set(pair.owners) & set(problem.scene.names)],
             "start": problem.start.tolist(),
             "goals": problem.goals.tolist(),
-            "time_limit": TIME_LIMIT,
+            "time_limit": ELAPSED_LIMIT,
         }
         _exchange(worker, job)
 

@@ -430,7 +430,7 @@ class DhTable(Shown):
         with st.errors_of(path, DhTableError, keys=not in_csv):
             table.refuse_unknown(content)
             if "convention" not in content:
-                raise InputError("states no convention; add 'convention: standard' or 'convention: modified'")
+                raise InputError("no convention; add 'convention: standard' or 'convention: modified' (CSV: after #)")
             values = {"name": path.stem, **table.values("the table", content, path)}
             made: DhTable = table.made(content, values)
             _refuse_other_units(made.rows, content["rows"])

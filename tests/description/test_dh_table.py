@@ -321,7 +321,7 @@ def test_yaml_states_base_and_tool(block, expected, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place", "reason"),
     [
-        ("# convention: standard\n", "", "", "states no convention"),
+        ("# convention: standard\n", "", "", "no convention; add"),
         ("convention: standard", "convention: craig", "", "valid: .*standard"),
         ("# convention: standard", "# convention: standard\n# convention: modified", "", "more than one convention"),
         ("joint_1,", ",", "line 3, row 1", "does not state name"),
@@ -356,7 +356,7 @@ D = "line 3, column 31, key rows['joint_1'].d"
 @pytest.mark.parametrize(
     ("old", "new", "place", "reason"),
     [
-        ("convention: standard\n", "", "", "states no convention"),
+        ("convention: standard\n", "", "", "no convention; add"),
         ("convention: standard", "convention: 3", "line 1, column 1, key convention", "unknown convention 3"),
         ("convention: standard", "convention: standard\nconvention: modified", "line 2", "duplicate key"),
         ("a: 0,", "a: 0, a: 1,", "line 3", "duplicate key 'a'"),

@@ -152,7 +152,7 @@ def introduction(results: Results) -> list[str]:
 
 def _run_sentence(rows: Sequence[Row]) -> str:
     """Which rows were measured in another run, and under which load, where that is known."""
-    load = quantiles((row.load for row in rows), "{:.0f}", (0.0, 1.0)).replace(" / ", " to ")
+    load = " to ".join(dict.fromkeys(quantiles((row.load for row in rows), "{:.0f}", (0.0, 1.0)).split(" / ")))
     counts = "; ".join(f"{label} ({count})" for label, count in Counter(row.label for row in rows).items())
     return f"Measured with commit {rows[0].commit}, {rows[0].date}{load and f', load average {load}'}: {counts}."
 

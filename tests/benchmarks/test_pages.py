@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from typing import Any
 
 import pytest
+from benchmarks.__main__ import TOPICS
 from benchmarks.ik_methods import PARTS
 from benchmarks.ik_run import rows_of as rows_of_arm
 from benchmarks.planning import MOTION
@@ -33,6 +35,14 @@ def test_no_stored_verdict_is_wrong(benchmark: Benchmark) -> None:
     assert benchmark.stored.faults == []
 
 
+def test_every_benchmark_has_its_command_among_those_that_reproduce_the_tables() -> None:
+    page = (ROOT / "docs" / "reproduce.md").read_text(encoding="utf-8")
+    commands = set(re.findall(r"\./scripts/benchmark (\w+)", page)) - {"TOPIC"}
+    _, _, with_topic = page.partition("./scripts/benchmark TOPIC")
+    named = set(re.findall(r"`(\w+)`", with_topic.partition("\n")[0]))
+    assert commands | named == set(TOPICS)
+
+
 def test_the_stored_results_of_inverse_kinematics_are_complete() -> None:
     stored = ALL["ik"].stored
     assert stored.settings["points"] == 10_000
@@ -46,7 +56,8 @@ def test_the_stored_results_of_planning_are_complete_and_the_check_finds_faults(
     for robot in OWN_ROBOTS:
         for scene in OWN_SCENES:
             assert len(rows_of(stored, "problems", collection=robot, set_name=scene)) == OWN_PROBLEMS
-    assert "roboplan" in methods_of(stored)
+    assert {"roboplan", "ompl", "mplib", "tesseract_TrajOptPipeline"} <= set(methods_of(stored))
+    assert all(len(rows_of(stored, "rows", collection="mbm", method=method)) == 140 for method in methods_of(stored))
     assert any(row.faults for row in stored["rows"])
     motions = rows_of(MOTION.stored, "rows", variant="")
     assert len(motions) == 140

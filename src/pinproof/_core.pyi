@@ -550,7 +550,16 @@ class Workspace:
     def find_nearest_many(
         self, configurations: NDArray[numpy.float64]
     ) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_]]: ...
-    def measure(self, pair: int) -> tuple[float, float, NDArray[numpy.float64], NDArray[numpy.float64]]: ...
+    def measure(
+        self, pair: int
+    ) -> tuple[
+        float,
+        float,
+        NDArray[numpy.float64],
+        NDArray[numpy.float64],
+        NDArray[numpy.float64] | None,
+        NDArray[numpy.float64] | None,
+    ]: ...
     def overlapping_boxes(self, pair: int) -> NDArray[numpy.float64]: ...
     def root_from_body(self, body: int) -> NDArray[numpy.float64]: ...
 

@@ -430,6 +430,19 @@ def test_a_body_inside_a_mesh_is_in_contact(slider, kind):
         assert checker.is_free([7.0])
 
 
+def test_the_depth_inside_a_large_mesh_is_that_to_its_surface_and_needs_no_tree_of_coal(slider):
+    vertices, faces = ROOM.vertices / 2, ROOM.faces
+    for _ in range(6):
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    room = pp.Mesh.from_arrays(vertices, faces, hull=False)
+    checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("room", room)]))
+    assert checker.clearance([0.5]) == pytest.approx(-(0.5 - 0.01), abs=2e-6)
+    (contact,) = checker.check([0.995]).contacts
+    assert contact.depth == pytest.approx(0.005, abs=2e-6)
+    (body,) = (body for body in checker.bodies if body.owner == "room")
+    assert "made" not in vars(body.model)
+
+
 def test_one_of_many_islands_of_a_cloud_inside_is_enough(slider):
     islands = pp.PointCloud([[10, 0, 0], [20, 0, 0], [1, 1, 1], [30, 0, 0]], 0.1)
     room = pp.Mesh.from_arrays(ROOM.vertices, ROOM.faces, hull=False)

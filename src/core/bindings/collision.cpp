@@ -362,12 +362,16 @@ void bind_workspace(nb::module_& module) {
             "(N,) lower bounds of the smallest distance, and whether pairs overlap.")
         .def("measure", [](const Workspace& self, std::size_t pair) {
                 if (pair >= self.world().size()) refuse("not a pair of bodies");
-                const auto [bounds, points, normal] = self.measure(static_cast<int>(pair));
-                const Vec3 &a = points.of_a, &b = points.of_b;
+                const Measured found = self.measure(static_cast<int>(pair));
+                const Vec3 &a = found.points.of_a, &b = found.points.of_b;
                 auto witnesses = rows_of(std::array{a.x, a.y, a.z, b.x, b.y, b.z}, 3);
-                return std::tuple(bounds.lower, bounds.upper, witnesses, normal);
+                std::array<std::optional<NewArray>, 2> triangles;
+                for (int i = 0; i < 2; ++i)
+                    if (found.triangles[i]) triangles[i] = rows_of({&found.triangles[i]->corners[0].x, 9}, 3);
+                return std::tuple(found.bounds.lower, found.bounds.upper, witnesses, found.normal, triangles[0], triangles[1]);
             }, "pair"_a,
-            "(lower, upper, points (2, 3), normal (3,)) of the distance of a pair, in the root frame.")
+            "(lower, upper, points (2, 3), normal (3,)) of the distance of a pair, in the root frame, and the closest triangle (3, 3) "
+            "of the first and of the second body in its own frame, or two that overlap; None of a body that is no mesh.")
         .def("overlapping_boxes", [](const Workspace& self, std::size_t pair) {
                 if (pair >= self.world().size()) refuse("not a pair of bodies");
                 const int k = static_cast<int>(pair);

@@ -5,6 +5,7 @@
 
 #include "collision/boxes.h"
 #include "collision/cells.h"
+#include "collision/mesh.h"
 
 namespace pinproof {
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
@@ -231,6 +232,10 @@ Measured Workspace::measure(int k) const {
     const Witnesses local = witnesses(a, b, separation);
     measured.points = {root_from_a * local.of_a, root_from_a * local.of_b};
     measured.normal = root_from_a.rotation * separation.direction;
+    const auto closest = [](const Shape& shape, int i) {
+        return shape.kind == ShapeKind::kMesh && i >= 0 ? &shape.mesh->triangles[i] : nullptr;
+    };
+    measured.triangles = {closest(a, separation.of_a), closest(b, separation.of_b)};
     return measured;
 }
 

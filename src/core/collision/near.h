@@ -35,6 +35,7 @@ struct Measured {
     Witnesses points;  // in the root frame
     Vec3 normal;       // the unit vector from a to b along which their supports are `bounds.lower` apart; of a mesh,
                        // that of its closest triangle
+    std::array<const Triangle*, 2> triangles;  // of a and b, if they are meshes: the closest ones, or two that overlap
 };
 
 // The bodies of a world at one configuration. Each thread needs its own.

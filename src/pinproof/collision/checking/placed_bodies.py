@@ -13,7 +13,8 @@ import numpy as np
 
 from pinproof._core import Workspace, World
 from pinproof.collision.checking.assembly import CheckedBodies
-from pinproof.collision.geometry.bodies import Body, CellsBody
+from pinproof.collision.geometry.bodies import MOST_TRIANGLES, Body, CellsBody
+from pinproof.collision.geometry.hulls import bvh
 from pinproof.spatial import Array
 
 GJK_TOLERANCE = 1e-8
@@ -115,7 +116,7 @@ class PlacedBodies:
 
     def measure(self, k: int) -> Distance:
         """Return the distance of pair k; a body inside an exact watertight mesh penetrates it."""
-        lower, upper, points, normal = self._core.measure(k)
+        lower, upper, points, normal, *closest = self._core.measure(k)
         if lower > 0:
             return Distance(lower, lower, upper, points, normal)
         # Bodies that the core does not prove apart are measured by coal, which knows depths.
@@ -131,7 +132,15 @@ class PlacedBodies:
                 at[:3, 3] += at[:3, :3] @ centre
                 found.append(self._coal.of(one.geometry, place(i), coal.Box(*(2 * half)), at))
         else:
-            convex, found = bool(self._checker.convex[k]), [self._coal(one, place(i), other, root_from_other)]
+            convex = bool(self._checker.convex[k])
+            # Of a large mesh, the triangle that the core found closest suffices: a tree for coal would take seconds.
+            first, second = (
+                bvh(triangle, np.array([[0, 1, 2]]))
+                if triangle is not None and body.solid is not None and len(body.solid.surface) > MOST_TRIANGLES
+                else body.geometry
+                for body, triangle in zip((one, other), closest, strict=True)
+            )
+            found = [self._coal.of(first, place(i), second, root_from_other)]
         # Without convexity, one may be inside the other without touching its surface.
         inside = upper <= 0 and not convex
         depths = [-abs(deep.distance) if inside else min(deep.distance, upper) for deep in found]

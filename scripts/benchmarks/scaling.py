@@ -1,18 +1,26 @@
-"""Benchmark of costs against size: obstacles, triangles of one mesh, and joints, with the fitted exponents.
+"""Benchmark of costs against size (obstacles, triangles of a mesh, joints) with the exponents, and of single calls.
 
 ./scripts/benchmark scaling                       prints the tables; 2 min
 ./scripts/benchmark scaling --largest 10000       up to 10,000 obstacles and triangles
-./scripts/benchmark scaling --docs                rewrites docs/benchmarks/scaling.*
+./scripts/benchmark scaling --mbm FOLDER          also checkers and checks of MotionBenchMaker problems
+./scripts/benchmark scaling --mbm FOLDER --docs   rewrites docs/benchmarks/scaling.*
 """
 
 from __future__ import annotations
 
+import resource
+import subprocess
+import sys
+import tempfile
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 import pinproof as pp
+from benchmarks.planning_problems import find_sets, read_problems
 from benchmarks.tables import Benchmark, Blocks, Results, Row, fastest, page_parser, provenance, row_table, seconds
 
 COUNTS = {"obstacles": [10, 100, 1000, 10**4, 10**5], "triangles": [10**2, 10**3, 10**4, 10**5, 10**6]}
@@ -118,6 +126,88 @@ def rows_of(largest: int, seed: int) -> Iterator[Row]:
         yield measured("joints", count, arm, scene, np.full(count, 0.1), rng)
 
 
+START = """
+import pinproof as pp
+arm = pp.load_robot("ur5").arm()
+pp.CollisionChecker(arm)
+"""
+
+LOAD = """
+import numpy as np
+given = np.load({path!r})
+"""
+
+CHECK = """
+mesh = pp.Mesh.from_arrays(given["vertices"], given["triangles"], hull=False)
+checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("sphere", mesh, pp.pose(xyz={at}))]))
+checker.check(np.zeros(6)), checker.clearance(np.zeros(6))
+"""
+
+CLOUD = """
+checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("cloud", pp.PointCloud(given["points"], 0.01))]))
+checker.is_free(np.zeros(6))
+"""
+
+PEAK = """
+import resource
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+"""Programs of the measured processes, and the end of each, which prints its largest memory (kB)."""
+
+
+def calls(largest: int, mbm: str | None, seed: int) -> Iterator[Row]:
+    """Measure single calls (ms) on checkers and arms, and processes with large inputs."""
+    rng = np.random.default_rng(seed)
+
+    def row(what: str, call: Callable[[int], object], runs: int) -> Row:
+        return Row(what=what, ms=1e3 * float(np.median([seconds(partial(call, i)) for i in range(runs)])))
+
+    # Checkers that are derived from another, each with a change that it has not seen
+    ur5, panda = pp.load_robot("ur5").arm(), pp.load_robot("panda").arm()
+    scene = pp.Scene(boxes(100, rng))
+    checker, hand = pp.CollisionChecker(ur5, scene), pp.CollisionChecker(panda)
+    moved = [scene.move("box_3", pp.pose(xyz=(2, 0, 0.01 * i))) for i in range(50)]
+    tools = [pp.Obstacle(f"tool_{i}", pp.Cylinder(0.03, 0.1 + 0.001 * i)) for i in range(50)]
+    finger = next(iter(panda.held))
+    yield row("checker with one of 100 obstacles moved", lambda i: checker.with_scene(moved[i]), 50)
+    yield row("checker with another tool", lambda i: checker.with_attached(tools[i]), 50)
+    yield row("checker with the hand of a Panda at a new position", lambda i: hand.with_held({finger: 8e-4 * i}), 50)
+    # Inverse kinematics at a pose that each arm reaches
+    middle = np.mean(panda.limits.sampling_range(), axis=0)
+    for_panda, for_ur5 = panda.forward_kinematics(middle + 0.3), ur5.forward_kinematics(np.full(6, 0.7))
+    clik, analytic = pp.Clik(), pp.AnalyticIk()
+    yield row("`Clik().solve`, Panda", lambda _: clik.solve(panda, for_panda, middle), 500)
+    yield row("`AnalyticIk().solve_all`, UR5, a `pin.SE3`", lambda _: analytic.solve_all(ur5, for_ur5), 500)
+    # Checkers and checks of scenes that are not ours
+    problems = [each for found in find_sets(mbm, None) for each in read_problems(found, None)] if mbm else []
+    if problems:
+        own = [pp.CollisionChecker(each.arm, each.scene) for each in problems]
+        Q = rng.uniform(*problems[0].arm.limits.sampling_range(), (CHECKS, own[0].group.dof))
+        new = [pp.Scene([pp.Obstacle(o.name, o.shape, o.pose) for o in each.scene.obstacles]) for each in problems]
+        count = f"median of {len(problems)} problems of MotionBenchMaker"
+        yield row(f"checker, {count}", lambda i: pp.CollisionChecker(problems[i].arm, new[i]), len(problems))
+        checks = [fastest(partial(each.is_free_batch, Q), REPEATS) / CHECKS for each in own]
+        yield Row(what=f"`is_free_batch`, a configuration, {count}", ms=1e3 * float(np.median(checks)))
+    # Processes, including the start of Python and all imports
+    mesh, points = sphere(min(largest, 327_680)), 6 * rng.random((min(largest, 10**6), 3)) + [1.0, -3.0, 0.0]
+    triangles = f"{len(mesh.triangles):,} triangles"  # type: ignore[arg-type]
+    with tempfile.TemporaryDirectory() as folder:
+        saved = Path(folder) / "inputs.npz"
+        np.savez(saved, vertices=mesh.vertices, triangles=mesh.triangles, points=points)  # type: ignore[arg-type]
+        load = START + LOAD.format(path=str(saved))
+        for what, script in (
+            ("an arm and its checker", START),
+            (f"a check beside an exact mesh of {triangles}", load + CHECK.format(at=(-0.75, 0.0, 0.3))),
+            ("the same with links inside the mesh", load + CHECK.format(at=(0.4, 0.2, 0.3))),
+            (f"a checker beside a cloud of {len(points):,} scattered points", load + CLOUD),
+        ):
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            done = subprocess.run([sys.executable, "-c", script + PEAK], check=True, capture_output=True, text=True)
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            yield Row(what=f"process: {what}", ms=1e3 * spent, peak_mb=int(done.stdout.split()[-1]) / 1024)
+
+
 def exponent(rows: list[Row], cost: str) -> float:
     """Return the slope of the cost against the number on logarithmic scales, by least squares."""
     numbers = np.log([(row.count, getattr(row, cost)) for row in rows])
@@ -144,7 +234,16 @@ def blocks(results: Results) -> Blocks:
     slopes = {"exponent of": "{.kind}"}
     for title, cost in zip(titles, COSTS, strict=True):
         slopes[title] = f"{{.{cost}:.2f}}"
-    return {"costs": row_table(columns, every), "exponents": row_table(slopes, fitted)}
+    single = {
+        "call": "{.what}",
+        "time [ms]": lambda row: f"{row.ms:.4g}",
+        "memory [MB]": lambda row: f"{row.peak_mb:.0f}" if hasattr(row, "peak_mb") else "",
+    }
+    return {
+        "costs": row_table(columns, every),
+        "exponents": row_table(slopes, fitted),
+        "calls": row_table(single, results["calls"]),
+    }
 
 
 def measure(options: Namespace) -> Results:
@@ -152,7 +251,10 @@ def measure(options: Namespace) -> Results:
     return Results(
         {"largest": options.largest},
         provenance(options.seed),
-        {"costs": list(rows_of(options.largest, options.seed))},
+        {
+            "costs": list(rows_of(options.largest, options.seed)),
+            "calls": list(calls(options.largest, options.mbm, options.seed)),
+        },
     )
 
 
@@ -163,4 +265,5 @@ def main() -> None:
     """Run the benchmark with the arguments of the command line."""
     parser = page_parser(__doc__, "scaling")
     parser.add_argument("--largest", type=int, default=10**6, help="the largest number of obstacles and of triangles")
+    parser.add_argument("--mbm", metavar="FOLDER", help="MotionBenchMaker problems")
     BENCHMARK.run(parser)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.scaling import COSTS, JOINTS, blocks, chain, exponent, rows_of, sphere
+from benchmarks.scaling import COSTS, JOINTS, blocks, calls, chain, exponent, rows_of, sphere
 from benchmarks.tables import Results, Row
 
 import pinproof as pp
@@ -37,3 +37,12 @@ def test_every_edge_is_proven_and_every_cost_has_an_exponent() -> None:
     assert len(shown["exponents"]) == 5
     assert all(getattr(row, cost) > 0 for row in rows for cost in COSTS)
     assert isinstance(chain(3), pp.Arm)
+
+
+@pytest.mark.slow
+def test_single_calls_and_processes_have_a_time_and_processes_their_memory() -> None:
+    rows = list(calls(500, None, 0))
+    assert all(row.ms > 0 for row in rows)
+    processes = [row for row in rows if row.what.startswith("process")]
+    assert len(processes) == 4
+    assert all(20 < row.peak_mb < 1000 for row in processes)

@@ -20,7 +20,9 @@ def page(browser, pages):
     setup = PickSetup.make(ARM, SCENE, Picks(()), home=None, rng=0)
     before = make_report(good("near", 0.3), bad(EVIL, (0.1, 0.4, 0.3)), good("lost", 0.8))
     after = make_report(bad("lost", (0.3, 0.3, 0.1)), good(EVIL, 0.6), good("near", 0.4))  # in another order
-    compare(*(replace(report, setup=setup) for report in (before, after))).save(pages("comparison"))
+    reports = [replace(report, setup=setup) for report in (before, after)]
+    compare(*reports).save(pages("comparison"))
+    reports[0].save(pages("one side"))
     opened = browser.open(pages("comparison").as_uri() + "#pick=near", 1200, 800)
     yield opened
     assert_quiet(opened)
@@ -79,3 +81,19 @@ def test_a_narrow_page_has_one_side_above_the_other(page):
     assert tops[1] > tops[0] + 100
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.resize(1200, 800)
+
+
+def test_both_sides_judge_their_picks_again_and_what_is_equal_is_stored_once(page, pages):
+    text = pages("comparison").read_text(encoding="utf-8")
+    assert len(text) < 1.2 * len(pages("one side").read_text(encoding="utf-8"))
+    for side in (0, 1):
+        frame = f"document.querySelectorAll('iframe')[{side}]"
+        page.evaluate(f"{frame}.contentDocument.querySelector('#live summary').click()")
+        page.wait_for(f"{frame}.contentWindow.pinproof.again.now().loaded", 60)
+        now = f"{frame}.contentWindow.pinproof.again.now()"
+        page.wait_for(f"{now}.judged === {now}.verdicts.length", 60)
+        assert "picks pass the grasp" in page.evaluate(
+            f"{frame}.contentDocument.getElementById('live-count').innerText"
+        )
+    page.evaluate("pinproof.choose(0); pinproof.show(2)")
+    assert turned(page) == pytest.approx([0.3, 0.4], abs=0.01)  # the slider still moves both

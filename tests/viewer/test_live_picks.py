@@ -146,7 +146,7 @@ def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):
         scene, picks = bolts.scene.transformed(back), bolts.picks.transformed(back)
         expected = [stage_of(verdict) for verdict in bolts.report(picks, scene).verdicts]
         assert [verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")] == expected
-        assert page.text("#live-count").startswith(f"{expected.count(None)} of 7 picks reach here")
+        assert page.text("#live-count").startswith(f"{expected.count(None)} of 7 picks pass the grasp")
         assert [text.startswith("Here: passes") for text in page.texts(".here")] == [s is None for s in expected]
     assert "home" not in page.text("#live-count")
     page.click("#live-command")
@@ -261,7 +261,7 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
     page.evaluate(CHOOSE_BASE)
     page.evaluate("pinproof.again.moveTo(pinproof.again.matrixOf([1,0,0,0.2,0,1,0,-0.1,0,0,1,0,0,0,0,1]), true)")
     wait_for_frame(page)
-    assert page.text("#live-count").startswith("2 of 2 picks reach here")
+    assert page.text("#live-count").startswith("2 of 2 picks pass the grasp")
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")
     assert words == "pinproof cell sequence picks.yaml --place '0.2 -0.1 0 0'"

@@ -1,8 +1,10 @@
 """What pages that compute write as text: names for YAML files and shells, and figures of joints."""
 
+import base64
 import json
 import shutil
 import subprocess
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,11 @@ import pytest
 import yaml
 
 import pinproof as pp
+from pinproof.collision import CollisionChecker, Scene, certify
+from pinproof.viewer import write_html
 from pinproof.viewer.web_cell import WebCell
+
+from .conftest import POST, small_arm, swing
 
 VIEWER = Path(__file__).parents[2] / "src" / "pinproof" / "viewer"
 
@@ -95,3 +101,13 @@ def test_typescript_finds_no_fault_in_the_scripts():
     if done.returncode == 77:
         pytest.skip("TypeScript is not available")
     assert done.returncode == 0, done.stdout
+
+
+def test_a_page_of_a_recorded_proof_has_the_margins_of_single_pairs_of_its_checker(tmp_path):
+    arm = small_arm()
+    checker = CollisionChecker(arm, Scene([POST]), margins={("post", "upper"): 0.0123})
+    certificate = certify(swing(arm, end=0.2), checker, record=True)
+    assert certificate.free
+    write_html(tmp_path / "page.html", arm, Scene([POST]), swing(arm, end=0.2), certificate=certificate)
+    text = (tmp_path / "page.html").read_text(encoding="utf-8").split('id="cell">', 1)[1].split("<", 1)[0]
+    assert 0.0123 in np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<f8")

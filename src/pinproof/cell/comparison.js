@@ -3,7 +3,7 @@
 (() => {
   /** @type {(id: string) => any} */
   const byId = (id) => document.getElementById(id);
-  const { names, viewer, titles, pages } = JSON.parse(byId("pages").textContent);
+  const { names, shared, titles, pages } = JSON.parse(byId("pages").textContent);
   /** @type {any[]} */
   const rows = [...document.querySelectorAll("tbody tr")], play = byId("play"), scrub = byId("scrub");
   let sides = [], leader = null, chosen = -1, duration = 0, time = 0, playing = false, before = 0;
@@ -64,7 +64,7 @@
         frame.contentDocument?.body.classList.add("half");
         done(/** @type {any} */ (frame.contentWindow).pinproof);
       });
-      frame.srcdoc = pages[k].replace(viewer.mark, () => viewer.script);
+      frame.srcdoc = Object.entries(shared).reduce((page, [mark, block]) => page.replace(mark, () => block), pages[k]);
     });
   }
 

@@ -18,8 +18,9 @@ from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks import PickReport, PickStatus, PickVerdict
 
-VIEWER = "{{the viewer of both pages}}"
-"""What the pages of both set-ups contain instead of their viewer, until they are opened."""
+SHARED, LEAST = "{{block %d of both pages}}", 10_000
+"""What the pages of both set-ups contain, until they are opened, instead of scripts and data of at least so many
+characters that are equal in both, such as the viewer."""
 
 
 class PickChange(Enum):
@@ -179,13 +180,16 @@ class CellComparison(Saved, Written):
             for report in (self.before, self.after):
                 report.save(Path(folder) / "page.html")
                 texts.append((Path(folder) / "page.html").read_text(encoding="utf-8"))
-        # Both pages contain the same viewer, which is stored once
-        viewer = max(re.findall(r"<script>(.*?)</script>", texts[0], re.DOTALL), key=len)
+        # What both pages contain is stored once
+        blocks = re.findall(r"<script[^>]*>(.*?)</script>", texts[0], re.DOTALL)
+        shared = {SHARED % k: block for k, block in enumerate(blocks) if len(block) >= LEAST and block in texts[1]}
+        for mark, block in shared.items():
+            texts = [text.replace(block, mark, 1) for text in texts]
         content = {
             "names": [pick.name for pick in self.differences],
-            "viewer": {"mark": VIEWER, "script": viewer},
+            "shared": shared,
             "titles": ("Before", "After"),
-            "pages": [text.replace(viewer, VIEWER, 1) for text in texts],
+            "pages": texts,
         }
         title = f"Comparison of {self.before.robot}"
         write_comparison_page(path, title, self.summary, self._table().html(sys.maxsize), content)

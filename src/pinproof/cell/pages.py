@@ -149,7 +149,7 @@ def write_cell_page(
 def write_comparison_page(path: str | Path, title: str, summary: str, table: str, content: Mapping[str, Any]) -> None:
     """Write the page of two set-ups; ``table`` is HTML, and ``content`` what ``comparison.js`` reads."""
     values = {
-        "policy": viewer.panels.POLICY.format(compute="", connect="'none'"),
+        "policy": viewer.panels.POLICY.format(compute=" 'wasm-unsafe-eval'", connect="'none'"),
         "title": escape(title),
         "summary": escape(summary),
         "style": theme.css() + viewer.panels.part("page.css"),

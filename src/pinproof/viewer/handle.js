@@ -49,7 +49,7 @@ function makeButtons(actions) {
 // The entries of a pose, which call `move` with what is entered, and the choices of snapping for the handle.
 function poseEntries(move) {
   const choices = /** @type {[string, string, number[]][]} */ ([["Positions", "mm", [1, 5, 10]], ["Angles", "\u00b0", [1, 5, 15]]]).map(([what, unit, steps]) => {
-    const label = make("label", what + " "), select = make("select");
+    const label = make("label", what, "snap"), select = make("select");
     select.id = "snap-" + what.toLowerCase();
     for (const step of [0, ...steps]) select.append(new Option(step ? "in steps of " + step + (unit === "mm" ? " mm" : unit) : "not snapped", String(step)));
     label.append(select);

@@ -59,7 +59,7 @@ function pictureOf(obstacles) {
     placeGap() {
       const { x, y, z } = group.localToWorld(middle.clone()).project(viewer.camera);
       gap.hidden = !line.visible || z > 1;
-      gap.style.left = (50 + 50 * x) + "%";
+      gap.style.left = `min(${50 + 50 * x}%, calc(100% - 6em))`;
       gap.style.top = (50 - 50 * y) + "%";
     },
     /** Only what has these names is red. @param {Set<string>} owners */

@@ -106,8 +106,9 @@ def write_html(
         the page checks each pose for contacts, with the compiled core as WebAssembly. Default: True if that enlarges
         the page by 1 MB at most.
     checker
-        The checker with which such a page checks. Default: one of the arm, the scene and the attached objects, with the
-        margin of the certificate and without the pairs that it leaves out.
+        The checker with which such a page checks. Default: that of a recorded certificate, otherwise one of the arm,
+        the scene and the attached objects, with the margin of the certificate and without the pairs that it leaves out;
+        margins that a checker has for single pairs are then unknown.
 
     Raises
     ------

@@ -126,6 +126,10 @@ def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None
         return None
     certificate, proven, checker = picture.certificate, rendered.caption.headline == "FREE", picture.checker
     try:
+        if checker is None and certificate is not None and proven and certificate.subject is not None:
+            # The checker of a recorded proof, which may have margins of single pairs
+            recorded = certificate.subject[1]
+            checker = None if isinstance(recorded, str) else recorded
         if checker is None:
             # What the proof does not cover is not shown as a contact either
             margin = 0.0 if certificate is None else certificate.margin

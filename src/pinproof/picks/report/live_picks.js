@@ -262,7 +262,7 @@ function offerPicks() {
     if (showing) show();
     const atStart = moved && cells.some((cell) => contactsAt(cell, null, cell.web.home).contacts.length) ? " The home configuration is in contact." : "";
     const known = verdicts.filter(Boolean), passing = known.filter((found) => found.passed === STAGES.length);
-    count.textContent = judged < verdicts.length ? "Judging ..." : passing.length + " of " + known.length + " picks reach here"
+    count.textContent = judged < verdicts.length ? "Judging ..." : passing.length + " of " + known.length + " picks pass the grasp"
       + (known.length < verdicts.length ? "; " + (verdicts.length - known.length) + " not judged" : "") + "." + atStart;
     count.className = "state " + (passing.length === known.length && !atStart ? "good" : "bad");
     viewer.set_dirty();

@@ -264,7 +264,7 @@ function offerPicks() {
     const known = verdicts.filter(Boolean), passing = known.filter((found) => found.passed === STAGES.length);
     count.textContent = judged < verdicts.length ? "Judging ..." : passing.length + " of " + known.length + " picks pass the grasp"
       + (known.length < verdicts.length ? "; " + (verdicts.length - known.length) + " not judged" : "") + "." + atStart;
-    count.className = "state " + (passing.length === known.length && !atStart ? "good" : "bad");
+    count.className = "state " + (judged < verdicts.length ? "" : passing.length === known.length && !atStart ? "good" : "bad");
     viewer.set_dirty();
   }
 

@@ -35,6 +35,7 @@ from pinproof.picks.judging.task import PickTask
 from .conftest import cell_of
 
 FREE, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.VIOLATED
+UNDECIDED = pp.CertificateStatus.UNDECIDED
 
 
 @pytest.fixture(scope="module")
@@ -480,6 +481,30 @@ def test_a_program_states_tool_load_sensor_and_remarks(report, verdict, dialect)
     words = [step.words for step in read.steps if isinstance(step, Remark)]
     assert len(words) == len(verdict.motions)
     assert words[0].startswith("pick over_the_wall")
+
+
+def test_a_text_with_another_load_or_without_the_check_of_the_sensor_is_undecided(report, verdict) -> None:
+    (program,) = report.programs(grip_dwell=0.5)
+    pick = replace(verdict.pick, payload=pp.Payload(0.4))
+    setup = with_settings(report, tool="gripper", input="3", timeout=2.0)
+    read = export_picks(setup, [(pick, program)], "krl", output=OUTPUTS["krl"]).program
+    check = next(step for step in read.steps if isinstance(step, CheckInput))
+    load = next(step for step in read.steps if isinstance(step, SetLoad))
+    without = [step for step in read.steps if step is not check]
+    heavy = [replace(step, payload=pp.Payload(0.5)) if step is load else step for step in read.steps]
+    late = [step for step in read.steps if step is not load]
+    late.insert(late.index(check) + 2, load)  # after the next move
+    tool = replace(read.tool, mass=1.4)
+    for steps, stated, named in (
+        (without, read.tool, "check of the sensor"),
+        (heavy, read.tool, "load is not"),
+        (late, read.tool, "load is not"),
+        (read.steps, tool, "of the tool"),
+    ):
+        text = replace(read, steps=tuple(steps), tool=stated)
+        (proofs,), _ = certify_picks_program(setup, [pick], text)
+        assert {proof.status for proof in proofs} == {UNDECIDED}
+        assert all(named in proof.message for proof in proofs)
 
 
 INPUTS = {"urscript": "3", "rapid": "di_part", "krl": "3", "fanuc": "3"}

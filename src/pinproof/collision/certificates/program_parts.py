@@ -40,11 +40,11 @@ from pinproof.spatial import Array
 SPACING = 1.0 / 1024.0
 """Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
 
-ROWS = 4
+ROWS = 8
 """Number of strips in which the surface of a blend is covered."""
 
 OTHER_CURVES, CARTESIAN = 0.1, 1.5
-"""Shares of the extent of a blend, and of the difference between superpositions, by which its surface is widened."""
+"""Shares of the shorter side of a blend, and of the difference between superpositions, by which it is widened."""
 
 ONE_LINE = 5e-5
 """rad: by how much the point of a blend may be beside the line between its ends if both moves are on one line."""
@@ -215,8 +215,9 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
     Let a and b be the changes of the joint values from the point to configurations on the two moves within the blend.
     While both moves are superposed, the arm is at the point changed by a + b for some of them, whatever their speeds
     are; parabolas and arcs lie there too. The curve leads through rows of this surface, and the tolerance contains half
-    of the distance of two rows, ``OTHER_CURVES`` of the largest changes, and ``CARTESIAN`` times the largest difference
-    from a superposition of the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the
+    of the distance of two rows, ``OTHER_CURVES`` of the largest changes on the shorter side, because a curve leaves the
+    longer one by no more than these, and ``CARTESIAN`` times the largest difference from a superposition of the poses
+    of the tcp. Where these poses cannot be solved, each joint may deviate from the
     surface by its largest change between joint moves, which controllers blend in joint space, and by any angle beside a
     linear move.
     """
@@ -232,7 +233,7 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
             return JointPath(ends, into.joint_names), np.full(len(point), 2.0 * beside + ROUNDED)
     one, other = sorted(sides, key=lambda side: float(np.abs(side).max()))
     # Rows along the larger side, at some changes of the smaller one
-    at, along = (np.linspace(0, len(side) - 1, ROWS + 1).round().astype(int) for side in (one, other))
+    at, along = (np.unique(np.linspace(0, len(side) - 1, ROWS + 1).round().astype(int)) for side in (one, other))
     nearest = at[np.abs(np.arange(len(one))[:, None] - at).argmin(axis=1)]
     fine = np.arange(len(other))
     chords = np.stack([np.interp(fine, along, column[along]) for column in other.T], axis=1)
@@ -257,4 +258,5 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
             apart = np.where(arm.angular, np.pi, extent) if linear else extent
             break
         apart = np.maximum(apart, CARTESIAN * np.abs(q[0] - joined))
-    return JointPath(np.concatenate(rows), into.joint_names), between + OTHER_CURVES * extent + apart
+    widened = OTHER_CURVES * np.abs(one).max(axis=0)
+    return JointPath(np.concatenate(rows), into.joint_names), between + widened + apart

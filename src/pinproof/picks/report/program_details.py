@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import chain, islice, zip_longest
 
 import numpy as np
 
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Payload
 from pinproof.motion import (
+    CheckInput,
+    JointMove,
     MotionProgram,
     ProgramSegment,
+    Remark,
+    RobotProgram,
+    SetLoad,
+    SetOutput,
+    Step,
     ToolData,
     UserFrame,
+    Wait,
     certificate_id,
     external_joints,
     find_dialect,
+    make_program,
 )
 from pinproof.picks.input.pick import RETURN, Pick
 from pinproof.picks.input.picks import Picks, root_from_frame
@@ -92,16 +103,67 @@ def user_frame(setup: PickSetup) -> UserFrame | None:
     return UserFrame(name, arm.root_from_base.inverse() * pose)
 
 
-def part_load(setup: PickSetup, tool: ToolData, pick: Pick, program: MotionProgram) -> Payload | None:
-    """The part of a pick in the axes of the flange, as it is held; None if its mass or that of the tool is not stated.
+def after_gripper(setup: PickSetup, tool: ToolData, pick: Pick, member: str, *, grips: bool) -> list[Step]:
+    """What a program of a pick states after its gripper has closed or opened: the check of the sensor, and the load.
 
-    Most languages state the mass of both together, so without that of the tool the controller keeps its own.
+    The load is the part in the axes of the flange, as it is held. Most languages state the mass of tool and part
+    together, so without one of them the controller keeps its own load.
     """
-    task, member = setup.made_by(pick, program.member)
-    part = task.pick.payload
-    if part is None or not tool.mass:
-        return None
-    return Payload(part.mass, part.placed(tool.tcp * task.holding(member).pose).center_of_mass)
+    task, made = setup.made_by(pick, member)
+    stated, part, steps = setup.shared.program, task.pick.payload, list[Step]()
+    if grips and stated.input is not None:
+        steps.append(CheckInput(stated.input, True, stated.timeout, error=stated.error or ""))
+    if part is not None and tool.mass:
+        center = part.placed(tool.tcp * task.holding(made).pose).center_of_mass
+        steps.append(SetLoad(Payload(part.mass, center) if grips else None))
+    return steps
+
+
+def load_faults(setup: PickSetup, picks: Mapping[str, Pick], program: RobotProgram) -> Iterator[str]:
+    """Why the loads or the checks of the sensor in a text are not those of the picks file, in a sentence."""
+    own = [picks[planned.name] for planned in program.picks]
+    tool = controller_tool(setup.checker.arm, setup.shared.for_pick(setup.shared.grasps_of(own[0])[0]))
+    # What the picks file states after each output, with the rounded numbers of a text
+    number, added = -1, list[list[Step]]()
+    for step in program.steps:
+        if isinstance(step, SetOutput):
+            number = min(number + step.on, len(own) - 1)
+            pick, member = own[max(number, 0)], program.picks[max(number, 0)].member
+            added.append(after_gripper(setup, tool, pick, member, grips=step.on))
+    written = make_program(
+        [JointMove(setup.checker.arm.home), *chain(*added)],
+        program.joint_names,
+        dialect=program.dialect,
+        tool=tool,
+        external_joints=program.external_joints,
+    )
+    rounded, counts = iter(written.steps[1:]), iter([len(steps) for steps in added])
+    if _masses(written.tool) != _masses(program.tool):
+        yield "the mass or the centre of mass of the tool is not that of the picks file"
+    # The steps of the text, with those of the picks file after each output and its waiting time
+    expected, pending = list[Step](), list[Step]()
+    for step in (step for step in program.steps if not isinstance(step, Remark | SetLoad | CheckInput)):
+        if not isinstance(step, Wait):
+            expected, pending = expected + pending, []
+        expected.append(step)
+        if isinstance(step, SetOutput):
+            pending = list(islice(rounded, next(counts)))
+    stated = (step for step in program.steps if not isinstance(step, Remark))
+    for found, wanted in zip_longest(stated, expected + pending):
+        same = found is wanted
+        if isinstance(found, SetLoad) and isinstance(wanted, SetLoad):
+            same = _masses(found.payload) == _masses(wanted.payload)
+        elif isinstance(found, CheckInput) and isinstance(wanted, CheckInput):
+            same = replace(found, line=0) == replace(wanted, line=0)
+        if not same:
+            what = "check of the sensor" if CheckInput in (type(found), type(wanted)) else "load"
+            where = "the end of the text" if found is None else f"line {found.line}"
+            yield f"{where}: the {what} is not that of the picks file"
+            return
+
+
+def _masses(body: ToolData | Payload | None) -> list[float]:
+    return [] if body is None else [body.mass, *np.array(body.center_of_mass).tolist()]
 
 
 def with_return(setup: PickSetup, pick: Pick, program: MotionProgram) -> tuple[MotionProgram, str]:

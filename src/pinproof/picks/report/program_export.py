@@ -77,7 +77,13 @@ from pinproof.picks.input.picks import MOUNTED
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.task import rate_limits
 from pinproof.picks.judging.timing import ExecutedMotion, MotionPart, part_again, prove_part
-from pinproof.picks.report.program_details import check_export, controller_tool, part_load, user_frame
+from pinproof.picks.report.program_details import (
+    after_gripper,
+    check_export,
+    controller_tool,
+    load_faults,
+    user_frame,
+)
 from pinproof.spatial import SE3, Array
 
 
@@ -224,9 +230,9 @@ def _steps_of_picks(
 ) -> tuple[list[Step], list[ProgramPick]]:
     """The steps of picks, and the picks with the numbers of their moves; NoMoves if moves are not proven."""
     steps = list[Step]([JointMove(picks[0][1].segments[0].trajectory.start)])
-    executed, stated = list[ProgramPick](), setup.shared.program
+    executed = list[ProgramPick]()
     for pick, program in picks:
-        made, load = PickMoves(setup, pick, program, deviation, language), part_load(setup, tool, pick, program)
+        made = PickMoves(setup, pick, program, deviation, language)
         counts = list[tuple[str, int]]()
         for segment in program.segments:
             moves = made.moves[segment.name]
@@ -239,9 +245,7 @@ def _steps_of_picks(
                     steps.append(SetOutput(output, grips))
                     # The hand moves during the waiting time; then it holds the part, or does not
                     steps += [Wait(event.dwell)] if event.dwell > 0 else []
-                    if grips and stated.input is not None:
-                        steps.append(CheckInput(stated.input, True, stated.timeout, error=stated.error or ""))
-                    steps += [] if load is None else [SetLoad(load if grips else None)]
+                    steps += after_gripper(setup, tool, pick, program.member, grips=grips)
         executed.append(ProgramPick(pick.name, program.member, tuple(counts)))
     return steps, executed
 
@@ -683,7 +687,9 @@ def certify_picks_program(
     ]
     beyond = [*outside_limits(program, arm, traces), *speed_violations(program, arm, traces)]
     too_fast = "; ".join(beyond)
-    foreign = list(arm_faults(program, arm))
+    if unknown := next((planned.name for planned in program.picks if planned.name not in by_name), None):
+        raise UnknownNameError("pick", unknown, by_name)
+    foreign = [*arm_faults(program, arm), *load_faults(setup, by_name, program)]
     fault = too_fast or "; ".join([*foreign, *untraced, *overlapping])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
     # Remarks, loads and checks of a sensor, after which the program continues or ends, move nothing
@@ -691,8 +697,6 @@ def certify_picks_program(
     certificates, notes = [], list[str]()
     start = steps.pop(0)
     for planned in program.picks:
-        if planned.name not in by_name:
-            raise UnknownNameError("pick", planned.name, by_name)
         # Each motion takes its moves from the text; outputs and waiting times follow the last move of a motion.
         clock, segments, events, records = 0.0, list[ProgramSegment](), list[ProgramEvent](), {}
         moved, stage_of = dict[str, list[int]](), dict[int, str]()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -41,7 +42,7 @@ SAMPLES = (25, 97)
 COVERED = 4e-4
 """rad: what moves are proven with beside the deviation, because joint values are rounded and linear moves traced."""
 
-TRIED, SAVED = 48, 1e-3
+TRIED, SAVED = 48, 3e-3
 """Number of changes of moves whose zones are proven, and seconds that one must save."""
 
 NEAR = 8
@@ -59,8 +60,11 @@ FOR_MOVE = 0.01
 TANGENTS = (0.25, 0.5, 1.0, 2.0)
 """Points on the tangent of the end of a linear move, in lengths of this move."""
 
-DIVIDED = 1.05
+DIVIDED = 1.04
 """Duration of moves, in that which is enough, above which joint moves are divided."""
+
+FEW_MOVES = 12
+"""Number of points of joint moves without linear ones up to which they are divided."""
 
 NEAR_ENDS = (0.4, 0.2, 0.1, 0.05)
 """Shares of a joint move at its ends at which it is divided, so that zones that are shares of moves are smaller."""
@@ -142,6 +146,8 @@ class _MovesSearch:
     ) -> None:
         self._arm, self._zones, self._proven, self._common = arm, language.zones, proven, language.common_zone
         self._leaving, self._entering = lines
+        # Points with which a pick has at most 12 moves, from home to the grasp, to the release, and back
+        self.most = 2 + bool(lines[0]) + bool(lines[1]) if any(lines) else FEW_MOVES
         self._paths = dict[tuple[bytes, bytes], JointPath]()
         self._known = dict[JointPath, bool]()
         self._sides = dict[tuple[JointPath, bool], list[tuple[float, float]]]()
@@ -336,28 +342,30 @@ def blended_moves(
         return moves.motion.duration + FOR_MOVE * len(moves.blends)
 
     rng, left, width, seen = np.random.default_rng(0), TRIED, WIDEST, {choice}
+    least = dict[_Choice, float]()  # with the largest zones; infinite if a line is not proven
     # Other lines, corners and tangents of lines; then small changes of the corners
     while left > 0 and best.motion.duration > enough:
         fresh = [each for each in dict.fromkeys(search.changed(choice, points)) if each not in seen]
         fresh += search.moved(choice, width, rng)
-        ranked = sorted(
-            (cost(moves), number)
-            for number, each in enumerate(fresh)
-            if search.lines_proven(each) and (moves := search.made(each, proven=False)) is not None
-        )
+        for each in fresh:
+            if each not in least:
+                moves = search.made(each, proven=False) if search.lines_proven(each) else None
+                least[each] = math.inf if moves is None else cost(moves)
         width /= 2.0
-        for _, number in [each for each in ranked if each[0] < cost(best) - SAVED][:EACH_TIME]:
-            seen.add(fresh[number])
-            moves = search.made(fresh[number])
+        faster = [each for each in sorted(fresh, key=least.__getitem__) if least[each] < cost(best) - SAVED]
+        for each in faster[:EACH_TIME]:
+            seen.add(each)
+            moves = search.made(each)
             left -= 1
             if moves is not None and cost(moves) < cost(best) - SAVED:
-                best, choice, width = moves, fresh[number], min(4.0 * width, WIDEST)
+                best, choice, width = moves, each, min(4.0 * width, WIDEST)
                 break
         if width < LEAST_WIDTH:
             break
     better: tuple[BlendedMoves, _Choice] | None = (best, choice)
     while language.zones[0].radius is None and better and best.motion.duration > DIVIDED * enough:
-        made = [(search.made(each), each) for each in dict.fromkeys(search.divided(choice, best.blends))]
+        few = (each for each in dict.fromkeys(search.divided(choice, best.blends)) if len(each.points) <= search.most)
+        made = [(search.made(each), each) for each in few]
         options = [(moves, each) for moves, each in made if moves is not None and cost(moves) < cost(best) - SAVED]
         better = min(options, key=lambda option: cost(option[0]), default=None)
         best, choice = better or (best, choice)

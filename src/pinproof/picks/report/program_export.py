@@ -259,7 +259,7 @@ def _hash_of(certificates: Iterable[Iterable[Certificate]]) -> str:
 HALVED = 4
 """Number of deviations that are compared, each half of the one before."""
 
-ENOUGH = 1.03
+ENOUGH = 1.05
 """Duration of moves, in that of the certified motion, below which no faster ones are searched."""
 
 ROUNDS = 12

@@ -31,6 +31,7 @@ from pinproof.motion import (
 from pinproof.picks import REPORT_SUFFIXES, PickReport, certify_picks_program, export_picks, write_motion_pages
 from pinproof.picks.input.pick import ToolSpeed
 from pinproof.picks.judging.task import PickTask
+from pinproof.picks.report import program_export
 
 from .conftest import cell_of
 
@@ -433,6 +434,21 @@ def test_the_hold_of_a_part_is_judged_on_all_moves_with_it(text, certified, monk
     assert any(np.abs(q - middle.q).max() < 1e-9 for q in starts)
 
 
+def test_a_line_whose_outer_end_is_out_of_reach_is_as_long_as_that_of_the_motion(report, verdict, monkeypatch) -> None:
+    (program,), trace = report.programs(), program_export.trace_line
+
+    def within_reach(arm, q, target, external=None):
+        found, length = trace(arm, q, target, external), target.translation - arm.forward_kinematics(q).translation
+        far = np.linalg.norm(length) > 0.0999 and np.allclose(q, verdict.q_grasp)
+        return found._replace(reason="the arm cannot follow it") if far else found
+
+    monkeypatch.setattr(program_export, "trace_line", within_reach)
+    made = export_picks(report.setup, [(verdict.pick, program)], "rapid", output=OUTPUTS["rapid"])
+    assert made.free
+    motions = [name for name, _ in made.program.picks[0].motions]
+    assert {"approach", "retreat", "place", "leave"} <= set(motions)
+
+
 def test_krl_states_lower_accelerations_where_the_torques_of_a_heavy_part_need_them(report, verdict, certified) -> None:
     (program,) = report.programs()
     pick = replace(verdict.pick, payload=pp.Payload(8.0))
@@ -493,7 +509,7 @@ def test_a_text_with_another_load_or_without_the_check_of_the_sensor_is_undecide
     without = [step for step in read.steps if step is not check]
     heavy = [replace(step, payload=pp.Payload(0.5)) if step is load else step for step in read.steps]
     late = [step for step in read.steps if step is not load]
-    late.insert(late.index(check) + 2, load)  # after the next move
+    late.insert(late.index(check) + 3, load)  # after the remark and the next move
     tool = replace(read.tool, mass=1.4)
     for steps, stated, named in (
         (without, read.tool, "check of the sensor"),

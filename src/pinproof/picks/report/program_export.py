@@ -376,9 +376,12 @@ class PickMoves:
         trace = trace_line(self._arm, q, target, rest + travel)
         if trace.reason and travel.any():
             trace = trace_line(self._arm, q, target)
+        straight = 1.0 if stage in self._task.pick.speed else self._task.cell.shared.straight
+        if trace.reason and straight < 1.0 < longer:  # the motion leaves the line before its end, which is out of reach
+            straight = min(1.0, straight * longer)
+            trace = trace_line(self._arm, q, self._arm.forward_kinematics(far), far[:-6])
         if trace.reason:
             raise NoMoves(f"pick {self._task.pick.name!r}: the {stage} cannot be a linear move: {trace.reason}")
-        straight = 1.0 if stage in self._task.pick.speed else self._task.cell.shared.straight
         return _Line(stage, trace.path, straight)
 
     def _between(
@@ -689,8 +692,8 @@ def certify_picks_program(
     too_fast = "; ".join(beyond)
     if unknown := next((planned.name for planned in program.picks if planned.name not in by_name), None):
         raise UnknownNameError("pick", unknown, by_name)
-    foreign = [*arm_faults(program, arm), *load_faults(setup, by_name, program)]
-    fault = too_fast or "; ".join([*foreign, *untraced, *overlapping])
+    foreign = list(arm_faults(program, arm))
+    fault = too_fast or "; ".join([*foreign, *untraced, *overlapping, *load_faults(setup, by_name, program)])
     status = CertificateStatus.VIOLATED if too_fast else CertificateStatus.UNDECIDED
     # Remarks, loads and checks of a sensor, after which the program continues or ends, move nothing
     steps = [step for step in program.steps if not isinstance(step, Remark | SetLoad | CheckInput)]

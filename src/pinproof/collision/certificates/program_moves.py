@@ -42,7 +42,7 @@ SAMPLES = (25, 97)
 COVERED = 4e-4
 """rad: what moves are proven with beside the deviation, because joint values are rounded and linear moves traced."""
 
-TRIED, SAVED = 48, 3e-3
+TRIED, SAVED = 48, 1e-3
 """Number of changes of moves whose zones are proven, and seconds that one must save."""
 
 NEAR = 8

@@ -24,9 +24,10 @@ import numpy as np
 import pinproof as pp
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
 from benchmarks.tool_path_audits import ARMS, best_of_tries, off_the_path, random_problem, wrong
+from pinproof._core import Ladder
 from pinproof.spatial import matrix, rotation_about
 from pinproof.tool_paths import COSTS, ToolPath
-from pinproof.tool_paths.rungs import LadderSettings, Rung, RungLadder
+from pinproof.tool_paths.rungs import LadderSettings, ladder_of
 
 PATHS, GRAPHS, RUNS = 1000, 40, 3
 ROTATIONS, JUMP, SLOWEST = 12, 0.5, 0.1
@@ -109,7 +110,7 @@ def large(rail: float) -> Row:
 # -- Descartes --------------------------------------------------------------------------------------------------------
 
 
-def graph(checker: pp.CollisionChecker, path: ToolPath) -> tuple[RungLadder, list[np.ndarray], list[np.ndarray]]:
+def graph(checker: pp.CollisionChecker, path: ToolPath) -> tuple[Ladder, list[np.ndarray], list[np.ndarray]]:
     """Our ladder of a random path, its nodes, and the costs of its edges, computed from their formula."""
     arm = checker.arm
     turns = np.array([rotation_about(np.array([0.0, 0.0, 1.0]), 2.0 * np.pi * k / ROTATIONS) for k in range(ROTATIONS)])
@@ -122,32 +123,34 @@ def graph(checker: pp.CollisionChecker, path: ToolPath) -> tuple[RungLadder, lis
         shares = np.arange(1, parts + 1) / parts
         places.append(np.array([matrix(pp.spatial.interpolate(_se3(a), _se3(b), share)) for share in shares]))
     every = np.concatenate(places)
-    rungs = []
-    for index, place in enumerate(every):
+    nodes = []
+    for place in every:
         q = pp.AnalyticIk().solve_all_batch(arm, place @ turned).q.reshape(-1, arm.dof)
         q = q[~np.isnan(q).any(axis=1)]
         q = np.where(arm.periodic, (q + np.pi) % (2.0 * np.pi) - np.pi, q)
         q = np.unique(np.round(q, 12), axis=0)
         q = q[((q >= arm.limits.lower) & (q <= arm.limits.upper)).all(axis=1)]
-        q = q[checker.is_free_batch(q)] if len(q) else q
-        rungs.append(Rung(0, float(index), place, float(index), q, np.ones(len(q), dtype=bool)))
-        rungs[-1].rates = np.zeros(len(q))
+        nodes.append(q[checker.is_free_batch(q)] if len(q) else q)
     lengths = np.linalg.norm(np.diff(every[:, :3, 3], axis=0), axis=1)
     durations, costs = np.maximum(lengths / 0.1, 1e-3), COSTS["balanced"]
     speed = arm.limits.velocity
     steps = 1.2 * 2.0 * np.pi / ROTATIONS / float(speed.min())
     jump = np.full(arm.dof, max(JUMP, 1.2 * 2.0 * np.pi / ROTATIONS))
     settings = LadderSettings(costs, steps, SLOWEST, jump)
-    ladder = RungLadder(arm, rungs, durations, np.ones(len(durations), dtype=bool), settings, windings=False)
+    counts = np.array([len(q) for q in nodes])
+    ladder = ladder_of(
+        arm, counts, np.concatenate(nodes), np.zeros(counts.sum()), np.zeros(arm.dof), durations,
+        np.ones(len(durations), dtype=bool), settings,
+    )  # fmt: skip
     edges = []
-    for a, b, h in zip(rungs, rungs[1:], durations, strict=False):
-        step = np.abs(a.q[:, None] - b.q[None])
+    for (a, b), h in zip(pairwise(nodes), durations, strict=True):
+        step = np.abs(a[:, None] - b[None])
         r = step / speed
         cost = costs.time * np.maximum(r.max(axis=2), h) + costs.travel * r.sum(axis=2)
         cost += costs.effort * (r**2).sum(axis=2) / h
         reach = np.minimum(speed * max(h / SLOWEST, steps), jump)
         edges.append(np.where((step <= reach).all(axis=2), cost, np.inf))
-    return ladder, [rung.q for rung in rungs], edges
+    return ladder, nodes, edges
 
 
 def _se3(pose: np.ndarray) -> pp.spatial.SE3:

@@ -451,8 +451,9 @@ def test_an_arm_that_rolls_its_tool_chooses_the_rotation_whatever_digits_its_tip
     for point in tips[tips[:, 2, 2] < -0.9995][:4, :3, 3]:
         inwards = 0.01 * np.array([*point[:2], 0.0]) / np.linalg.norm(point[:2])
         path = ToolPath.through([point, point - inwards], UP, speed=0.02)
-        plan = pp.follow(pp.CollisionChecker(arm), path, rotations=12).or_raise()
-        assert wrong(plan, CHECKED) == []
+        for free_rotation in (True, (0.0, 0.5)):
+            plan = pp.follow(pp.CollisionChecker(arm), path, rotations=12, free_rotation=free_rotation).or_raise()
+            assert wrong(plan, CHECKED | {"free_rotation": free_rotation}) == []
 
 
 @pytest.mark.parametrize("free_rotation", [(0.0, 0.0), (0.0, 0.5), (-0.5, 0.0)])

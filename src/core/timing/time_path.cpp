@@ -36,9 +36,10 @@ constexpr std::size_t kMaxParts = 4;
 constexpr double kMaxLoss = 2e-3;
 
 // Without a jerk limit: numbers of steps of the first grid on a bent piece, at least and at most; the least number on
-// all bent pieces together (a single step that begins and ends at rest would not move); and the least number on a piece
-// with constraints, which may vary along it.
-constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 80, kConstrainedSteps = 16;
+// all bent pieces together (a single step that begins and ends at rest would not move). With constraints, which may vary
+// along a piece: the least number on one of few pieces, on one of many, and their number up to which these are few.
+constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 80;
+constexpr std::size_t kConstrainedSteps = 16, kOfManySteps = 4, kFewPieces = 125;
 
 // Factor of the deviation that the first grid allows for: 8 between a varying and a constant speed, and 8 for finer
 // steps, with which limits at the nodes lose less than 0.5 % of the duration.
@@ -199,7 +200,9 @@ class Timing {
                 const double most = static_cast<double>(kMaxBentSteps);
                 count = wanted < most ? static_cast<std::size_t>(std::max(wanted, 1.0)) : kMaxBentSteps;
                 count =
-                    std::max({count, kBentSteps, task_.rows ? kConstrainedSteps : (kLeastBentSteps + bent - 1) / bent});
+                    std::max({count, kBentSteps,
+                              task_.rows ? std::clamp(kConstrainedSteps * kFewPieces / bent, kOfManySteps, kConstrainedSteps)
+                                         : (kLeastBentSteps + bent - 1) / bent});
             }
             const auto parts = divided(whole(k), count);
             steps.insert(steps.end(), parts.begin(), parts.end());

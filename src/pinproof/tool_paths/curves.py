@@ -23,6 +23,9 @@ from pinproof.spatial import Array
 ROUNDS, PARTS = 14, 256
 # M and rad: accuracy with which points are projected onto the route.
 PROJECTED = 1e-8
+# The same as a share of the allowed deviation, for an arm that cannot be closer to the route, such as one of five
+# joints whose parallel axes differ by the rounding of its description. The bound of the deviation decides.
+NEARLY = 0.01
 # Distance of parameters of a route that are equal up to rounding.
 SAME = 1e-12
 # rad or m: largest distance of a projected point from the curve before. A longer one leads to another branch.
@@ -118,15 +121,17 @@ class CurveMaker:
         """The configurations closest to q (k, n) with the tool on the route at s (k,), or where none exists."""
         if not len(s):
             return np.empty((0, self.arm.dof)), None
-        solver = Clik(position_tolerance=PROJECTED, orientation_tolerance=PROJECTED, restarts=0)
-        found = solver.solve_batch(self.arm, route.poses(s), self.arm.limits.clip(q), task=self.projection)
-        far = np.abs(found.q - q).max(axis=1) > FAR
-        if (bad := far | ~found.ok).any():
-            first = int(bad.argmax())
-            joint = self.arm.joint_names[int(np.abs(found.q - q)[first].argmax())]
-            reason = f"{joint} would jump" if found.ok[first] else "the tool cannot stay on the path between the poses"
-            return found.q, (float(s[first]), reason)
-        return found.q, None
+        targets, start = route.poses(s), self.arm.limits.clip(q)
+        for accuracy in ((PROJECTED, PROJECTED), (NEARLY * self.deviation, NEARLY * self.rotation_deviation)):
+            solver = Clik(position_tolerance=accuracy[0], orientation_tolerance=accuracy[1], restarts=0)
+            found = solver.solve_batch(self.arm, targets, start, task=self.projection)
+            far = np.abs(found.q - q).max(axis=1) > FAR
+            if not (bad := far | ~found.ok).any():
+                return found.q, None
+        first = int(bad.argmax())
+        joint = self.arm.joint_names[int(np.abs(found.q - q)[first].argmax())]
+        reason = f"{joint} would jump" if found.ok[first] else "the tool cannot stay on the path between the poses"
+        return found.q, (float(s[first]), reason)
 
     def _outside(self, path: CubicPath) -> Array:
         """(k,) the largest excess over a joint limit on each piece."""

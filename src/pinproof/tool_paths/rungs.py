@@ -391,22 +391,13 @@ class RungLadder:
     """The ladder graph over rungs.
 
     ``durations`` (R - 1,) are the times (s) between the rungs at the speed of the tool, ``timed`` (R - 1,) states for
-    which of them a speed is stated. Without ``windings``, the values of the nodes are compared as they are.
+    which of them a speed is stated.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        rungs: list[Rung],
-        durations: Array,
-        timed: Flags,
-        settings: LadderSettings,
-        *,
-        windings: bool = True,
-    ) -> None:
+    def __init__(self, arm: Arm, rungs: list[Rung], durations: Array, timed: Flags, settings: LadderSettings) -> None:
         self.arm, self._rungs, self._settings = arm, rungs, settings
         self.durations, self.timed = durations, timed
-        self._wide = _wide(arm) & windings  # the joints with several windings
+        self._wide = _wide(arm)  # the joints with several windings
         self._split: list[int] = []  # the joints whose windings are separate nodes
         self._build()
 
@@ -429,10 +420,7 @@ class RungLadder:
 
     def _build(self) -> None:
         """The graph, with a node for each winding of the joints that are split."""
-        arm, limits, settings = self.arm, self.arm.limits, self._settings
-        share = np.zeros(len(self._rungs))  # the time that belongs to each rung
-        share[:-1] += 0.5 * self.durations
-        share[1:] += 0.5 * self.durations
+        arm, limits = self.arm, self.arm.limits
         parts, nodes = [], []
         for rung in self._rungs:
             q, node = rung.nodes, np.arange(len(rung.rates))
@@ -448,19 +436,10 @@ class RungLadder:
             nodes.append(node)
         counts = np.array([len(part) for part in parts], dtype=np.int64)
         self._q, self._node = np.ascontiguousarray(np.concatenate(parts)), np.concatenate(nodes)
-        costs = np.concatenate(
-            [time * rung.rates[node] for time, rung, node in zip(share, self._rungs, nodes, strict=True)]
-        )
+        rates = np.concatenate([rung.rates[node] for rung, node in zip(self._rungs, nodes, strict=True)])
         period = np.where(self._wide, TURN, 0.0)
         period[self._split] = 0.0
-        speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
-        seconds = np.where(self.timed, self.durations / settings.slowest, np.inf)
-        reach = np.minimum(speed * np.maximum(seconds, settings.steps)[:, None], settings.jump)
-        self._ladder = Ladder(
-            counts, self._q, costs, period, speed, np.ascontiguousarray(reach),
-            np.where(self.timed, self.durations, 0.0), np.maximum(self.durations, SHORTEST),
-            time=settings.costs.time, travel=settings.costs.travel, effort=settings.costs.effort,
-        )  # fmt: skip
+        self._ladder = ladder_of(arm, counts, self._q, rates, period, self.durations, self.timed, self._settings)
         starts = np.concatenate([[0], np.cumsum(counts)])
         for number, rung in enumerate(self._rungs):
             for edge in rung.removed:
@@ -496,6 +475,33 @@ class RungLadder:
             middle = 0.5 * (limits.lower[joint] + limits.upper[joint] - low - high)
             q[:, joint] += TURN * np.clip(np.round(middle / TURN), fewest, most)
         return limits.clip(q), None
+
+
+def ladder_of(
+    arm: Arm,
+    counts: npt.NDArray[np.int64],
+    q: Array,
+    rates: Array,
+    period: Array,
+    durations: Array,
+    timed: Flags,
+    settings: LadderSettings,
+) -> Ladder:
+    """The graph over rungs with ``counts`` (R,) of the nodes q (N, n), whose costs per second are ``rates`` (N,).
+
+    Steps of joints with a ``period`` (n,), which is 0 for the others, are compared modulo it.
+    """
+    share = np.zeros(len(counts))  # the time that belongs to each rung
+    share[:-1] += 0.5 * durations
+    share[1:] += 0.5 * durations
+    speed = np.where(np.isfinite(arm.limits.velocity), arm.limits.velocity, 1.0)
+    seconds = np.where(timed, durations / settings.slowest, np.inf)
+    reach = np.minimum(speed * np.maximum(seconds, settings.steps)[:, None], settings.jump)
+    return Ladder(
+        counts, q, rates * np.repeat(share, counts), period, speed, np.ascontiguousarray(reach),
+        np.where(timed, durations, 0.0), np.maximum(durations, SHORTEST),
+        time=settings.costs.time, travel=settings.costs.travel, effort=settings.costs.effort,
+    )  # fmt: skip
 
 
 def rungs_of(routes: list[Route], first: float, step: float, angle: float) -> list[Rung]:

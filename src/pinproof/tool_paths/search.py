@@ -39,6 +39,7 @@ from pinproof.tool_paths.rungs import (
     Rung,
     RungLadder,
     fill,
+    ladder_of,
     rates_of,
     rungs_of,
 )
@@ -480,7 +481,7 @@ class Search:
         sides = np.array(list(product((0.0, -1.0, 1.0), repeat=free)))[1:]
         if free > MOST_SIDES:  # one direction at a time
             sides = np.concatenate([np.eye(free), -np.eye(free)])
-        best, size = course, 0.5 * self.settings.finest
+        best, size, span = course, 0.5 * self.settings.finest, slice(first, first + count - 1)
         fixed = kept.copy()
         fixed[0] |= first == 0 and (self.start is not None or len(self.avoided) > 0)
         for _ in range(rounds):
@@ -499,25 +500,17 @@ class Search:
             near &= (found.q >= low - 0.5 * margin).all(axis=1) & (found.q <= high + 0.5 * margin).all(axis=1)
             near = near.reshape(count, -1) & ~fixed[:, None]
             at_limit = ((best.q < low - 0.5 * margin) | (best.q > high + 0.5 * margin)).any(axis=1)
-            own = ~at_limit | ~near.any(axis=1)
-            q = found.q.reshape(count, width, -1)
-            around = []
-            for k, rung in enumerate(rungs):
-                nodes = np.concatenate([best.q[k : k + own[k]], q[k][near[k]]])
-                around.append(Rung(rung.route, rung.s, rung.place, rung.at, nodes, np.ones(len(nodes), dtype=bool)))
-            rates, start = rates_of(checker, arm, np.concatenate([each.q for each in around]), self.settings.costs), 0
-            for each in around:
-                each.rates = rates[start : start + len(each.q)]
-                start += len(each.q)
-            span = slice(first, first + count - 1)
-            ladder = RungLadder(
-                arm, around, self._ladder.durations[span], self._ladder.timed[span], self.settings, windings=False
-            )
+            kept_rows = np.column_stack([~at_limit | ~near.any(axis=1), near])
+            q = np.concatenate([best.q[:, None], found.q.reshape(count, width, -1)], axis=1)[kept_rows]
+            ladder = ladder_of(
+                arm, kept_rows.sum(axis=1), q, rates_of(checker, arm, q, self.settings.costs), np.zeros(arm.dof),
+                self._ladder.durations[span], self._ladder.timed[span], self.settings,
+            )  # fmt: skip
             better = ladder.solve(0, count - 1)
             if len(better.nodes) < count:
                 break
             gained = 1.0 - better.cost / max(best.cost, 1e-300)
-            best = Course(better.q, course.nodes, better.cost, course.reachable)
+            best = Course(q[better.nodes], course.nodes, better.cost, course.reachable)
             if gained < IMPROVED:
                 size *= 0.5
                 if gained < ENOUGH and size < self.settings.finest / 8.0:

@@ -159,13 +159,28 @@ def test_an_unknown_frame_is_named_with_the_valid_ones(tmp_path):
     [
         ("redundant", {"elbow": [0.1]}, "unknown redundant joint 'elbow'"),
         ("home", {"elbow": 0.1}, "names elbow"),
-        ("part", [{"name": "part", "sphere": {"radius": 0.1}}], "no joint moves this frame"),
+        ("part", [{"name": "part", "sphere": {"radius": 0.1}}], "no joint outside the arm does"),
     ],
 )
 def test_what_needs_the_robot_to_be_checked_is_refused_with_its_line(tmp_path, key, value, words):
     job = job_of(tmp_path, {"points": SQUARE, "normals": UP}, **{key: value})
     with pytest.raises(FileError, match=rf"line 1, column \d+, key {key}: .*{words}"):
         pp.tool_paths.follow_job(job)
+
+
+def test_a_frame_that_follows_a_joint_of_the_arm_is_refused_with_its_line(tmp_path):
+    table = (
+        '<link name="table"/><joint name="table" type="revolute"><parent link="base_link"/><child link="table"/>'
+        '<axis xyz="0 0 1"/><limit lower="-9" upper="9" velocity="3" effort="1"/>'
+        '<mimic joint="shoulder_pan_joint" multiplier="0.5"/></joint></robot>'
+    )
+    text = pp.load_robot("ur5").urdf.text
+    (tmp_path / "robot.urdf").write_text(text.replace("</robot>", table))
+    stroke, part = {"points": SQUARE, "normals": UP}, [{"name": "part", "sphere": {"radius": 0.1}}]
+    for bodies in ({}, {"part": part}):
+        job = job_of(tmp_path, stroke, robot="robot.urdf", tcp="tool0", frame="table", **bodies)
+        with pytest.raises(ToolPathError, match=r"line 1, .* key frame: .*joint table follows shoulder_pan_joint"):
+            pp.tool_paths.follow_job(job)
 
 
 def test_a_tip_is_added_to_an_arm_whose_fingers_follow_each_other(tmp_path):

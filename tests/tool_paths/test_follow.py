@@ -11,7 +11,7 @@ import pinproof as pp
 from pinproof.description import with_frame
 from pinproof.motion import CubicPath
 from pinproof.planning import Route
-from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath
+from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath, following
 from pinproof.tool_paths.curves import CurveMaker
 from pinproof.tool_paths.search import SPIN
 
@@ -387,8 +387,16 @@ def test_a_start_outside_the_limits_is_blocked_there(free):
     assert (plan.blocked[0].obstruction, plan.blocked[0].pose) == (Obstruction.LIMIT, -1.0)
 
 
-def test_the_tool_stops_at_sharp_corners_whose_roundings_cannot_be_timed():
+def test_the_tool_stops_at_sharp_corners_whose_roundings_cannot_be_timed(monkeypatch):
     checker, path, settings = random_problem("puma560", np.random.default_rng(32))
+    timed, failures = following.timed_along, iter([pp.errors.TimingError("bends too sharply")])
+
+    def fails_once(*curves):
+        for error in failures:
+            raise error
+        return timed(*curves)
+
+    monkeypatch.setattr(following, "timed_along", fails_once)
     plan = pp.follow(checker, path, **settings).or_raise()
     assert wrong(plan, settings) == []
     speed = np.linalg.norm(plan.trajectory.velocity(np.array(plan.trajectory.times)), axis=1)

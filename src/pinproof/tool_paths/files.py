@@ -196,7 +196,17 @@ class ToolJob(Shown):
         arm = self.settings.load_arm()
         urdf, held = arm.robot.urdf, self.settings.held
         moving = [joint for joint in arm.held if joint not in held and urdf.joints[joint].mimic is None]
-        return (name, placement) if name in urdf.links and moved_by(urdf, name, moving) else None
+        if name not in urdf.links or moved_by(urdf, name, moving):
+            return (name, placement) if name in urdf.links else None
+        follower = urdf.joints.get(moved_by(urdf, name, arm.joint_names))
+        if follower is not None and follower.mimic is not None:
+            raise self._at(
+                "frame",
+                f"link {name!r} moves with the arm: joint {follower.name} follows {follower.mimic.leader} (mimic). The "
+                "frame of a job must be fixed, or moved by joints outside the arm; pp.follow(checker, path, "
+                f"frame={name!r}) follows paths in it",
+            )
+        return None
 
     def load_arm(self) -> JointGroup:
         """Load the arm that the file states, with its limits and held joints; its tcp is the tip of the tool.
@@ -249,7 +259,9 @@ class ToolJob(Shown):
         if moving is not None:
             tool += [replace(body, pose=moving[1] * body.pose, arm="part") for body in self.part]
         elif self.part:
-            raise self._at("part", "has bodies that move with the frame of the paths, but no joint moves this frame")
+            raise self._at(
+                "part", "has bodies that move with the frame of the paths, but no joint outside the arm does"
+            )
         return checker_of_picks(arm, scene, replace(self.settings, tool=tool))
 
     def base_from_frame(self, checker: CollisionChecker) -> SE3:

@@ -219,7 +219,8 @@ def _off(q: np.ndarray, checker: pp.CollisionChecker, path: ToolPath) -> float:
 
 def measure(options: argparse.Namespace) -> Results:
     """Run the parts that the options name."""
-    results = Results({"paths": options.paths, "graphs": options.graphs}, provenance(options.seed))
+    counts = {"paths": options.paths, "graphs": options.graphs if options.tesseract else 0}
+    results = Results({name: count for name, count in counts.items() if count}, provenance(options.seed))
     audits: list[Row] = []
     for seed in range(options.paths // len(ARMS)):
         audits += [audited(arm, seed) for arm in ARMS]

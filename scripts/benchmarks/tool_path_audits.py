@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 import pinproof as pp
-from pinproof.ik import IkTask
-from pinproof.tool_paths import COSTS, FollowPlan, ToolPath
+from pinproof.description import with_spin
+from pinproof.ik import IkTask, prove_unreachable
+from pinproof.tool_paths import COSTS, FollowPlan, Obstruction, ToolPath
 
+TOLERANCES = (("position", "deviation"), ("orientation", "rotation_deviation"))
 ARMS = ("ur5", "irb120", "crx10ia", "puma560", "panda")
 
 
@@ -158,6 +161,33 @@ def wrong(plan: FollowPlan, settings: dict) -> list[str]:
     if plan.pieces[0].trajectory is not None and reached.max() > settings["deviation"] + 1e-3:
         found.append(f"a pose is missed by {reached.max()}")
     return found
+
+
+# -- paths without a motion --------------------------------------------------------------------------------------------
+
+FINER = {"rotations": 36, "redundant": 36}
+"""The grid on which paths without a motion are followed again: three times as many values."""
+
+
+def why_not(plan: FollowPlan, settings: dict) -> str:
+    """Why a path has no motion: ``proven`` out of reach, ``finer`` if one exists on a finer grid, or what blocks there.
+
+    The proof holds for all rotations of the tool and within the allowed deviations, by intervals of the joint values.
+    """
+    arm = plan.checker.arm
+    if settings["free_rotation"] is not False:
+        limits = dict(zip(arm.joint_names, zip(arm.limits.lower, arm.limits.upper, strict=True), strict=True))
+        spun = replace(arm.robot, urdf=with_spin(arm.robot.urdf, "spin", arm.tcp))
+        arm = spun.arm("spin", base=arm.base, limits=limits)
+    far = [own for own in plan.blocked if own.obstruction in (Obstruction.OUT_OF_REACH, Obstruction.LIMIT)]
+    for own in far[:4]:
+        tolerances = {f"{key}_tolerance": 1.3 * settings[name] for key, name in TOLERANCES}
+        if prove_unreachable(arm, own.place, **tolerances, budget=2000, search=False).proven:
+            return "proven"
+    again = pp.follow(plan.checker, plan.path, **{**settings, **FINER})
+    if again.ok:
+        return "finer"
+    return again.blocked[0].obstruction.name if again.blocked else again.status.name
 
 
 # -- tries from random starts ------------------------------------------------------------------------------------------

@@ -23,7 +23,7 @@ import numpy as np
 
 import pinproof as pp
 from benchmarks.tables import Benchmark, Blocks, Results, Row, page_parser, provenance, report, row_table
-from benchmarks.tool_path_audits import ARMS, best_of_tries, off_the_path, random_problem, wrong
+from benchmarks.tool_path_audits import ARMS, best_of_tries, off_the_path, random_problem, why_not, wrong
 from pinproof._core import Ladder
 from pinproof.spatial import matrix, rotation_about
 from pinproof.tool_paths import COSTS, ToolPath
@@ -39,8 +39,11 @@ SIX = ("ur5", "irb120", "crx10ia", "puma560")
 RAILS = (0.0, 2.0, 4.0)
 """Metres: lengths of the rails of the large paths; 0 for none."""
 
-EQUAL = 1e-9
-"""Relative difference of optima that is rounding."""
+EQUAL, NOISE = 1e-9, 5e-4
+"""Relative difference of optima that is rounding, and of costs that is due to the places at which they are computed."""
+
+NAMED = ("proven", "OUT_OF_REACH", "LIMIT", "CONTACT", "JUMP", "LIFTS_NEEDED", "finer")
+"""What :func:`why_not` returns that has a column."""
 
 
 # -- audits -----------------------------------------------------------------------------------------------------------
@@ -59,7 +62,7 @@ def audited(arm: str, seed: int) -> Row:
     tried, least, own = best_of_tries(checker, path, settings, plan, np.random.default_rng([seed, 1]))
     return Row(
         arm=arm, seed=seed, status=plan.status.name, seconds=round(took, 4), tried=tried, least=least, cost=own,
-        wrong=faults,
+        why="" if plan.ok else why_not(plan, settings), wrong=faults,
     )  # fmt: skip
 
 
@@ -242,18 +245,20 @@ def blocks(results: Results) -> Blocks:
     audits, graphs, tries = [], [], []
     for arm in ARMS:
         if rows := [row for row in results["audits"] if row.arm == arm]:
-            counts, times = Counter(row.status for row in rows), [row.seconds for row in rows]
-            named = [counts[status] for status in ("FOUND", "LIFTS_NEEDED", "BLOCKED")]
+            whys, times = Counter(row.why for row in rows if row.status != "FOUND"), [row.seconds for row in rows]
             audits.append(Row(
-                arm=arm, count=len(rows), found=named[0], lifts=named[1], blocked=named[2],
-                others=len(rows) - sum(named), wrong=sum(bool(row.wrong) for row in rows),
-                median=float(np.median(times)), most=max(times),
+                arm=arm, count=len(rows), found=sum(row.status == "FOUND" for row in rows), proven=whys["proven"],
+                reach=whys["OUT_OF_REACH"] + whys["LIMIT"], contact=whys["CONTACT"],
+                jump=whys["JUMP"] + whys["LIFTS_NEEDED"], finer=whys["finer"],
+                others=sum(whys[own] for own in whys if own not in NAMED),
+                wrong=sum(bool(row.wrong) for row in rows), median=float(np.median(times)), most=max(times),
             ))  # fmt: skip
         if rows := [row for row in results["audits"] if row.arm == arm and hasattr(row, "tried")]:
             ratios = [row.cost / row.least for row in rows if row.cost is not None and row.least is not None]
             tries.append(Row(
                 arm=arm, count=len(rows), followed=sum(row.status == "FOUND" for row in rows),
-                tried=sum(row.tried for row in rows), missed=sum(row.tried and row.status != "FOUND" for row in rows),
+                tried=sum(row.tried for row in rows), above=sum(ratio > 1.0 + NOISE for ratio in ratios),
+                missed=sum(row.tried and row.status != "FOUND" for row in rows),
                 median=float(np.median(ratios)), most=max(ratios),
             ))  # fmt: skip
         if rows := [row for row in results["graphs"] if row.arm == arm]:
@@ -269,13 +274,15 @@ def blocks(results: Results) -> Blocks:
             ))  # fmt: skip
     return {
         "audits": row_table({
-            "arm": "{0.arm}", "paths": "{0.count:,}", "found": "{0.found}", "lifts needed": "{0.lifts}",
-            "blocked": "{0.blocked}", "others": "{0.others}", "wrong": "{0.wrong}", "median": "{0.median:.2f} s",
-            "largest": "{0.most:.1f} s",
+            "arm": "{0.arm}", "paths": "{0.count:,}", "found": "{0.found}", "wrong": "{0.wrong}",
+            "proven out of reach": "{0.proven}", "out of reach or limits": "{0.reach}", "contact": "{0.contact}",
+            "jump": "{0.jump}", "others": "{0.others}", "found on a finer grid": "{0.finer}",
+            "median": "{0.median:.2f} s", "largest": "{0.most:.1f} s",
         }, audits),
         "tries": row_table({
             "arm": "{0.arm}", "paths": "{0.count:,}", "`follow`": "{0.followed}", "best of 20": "{0.tried}",
-            "best of 20 only": "{0.missed}", "median cost": "{0.median:.3f}", "largest": "{0.most:.3f}",
+            "best of 20 only": "{0.missed}", "median cost": "{0.median:.3f}", "largest": "{0.most:.4f}",
+            "above 1": "{0.above}",
         }, tries),
         "large": row_table({
             "path": "{0.name}", "poses": "{0.poses:,}", "configurations": "{0.nodes:,}", "fastest": "{0.seconds:.2f} s",

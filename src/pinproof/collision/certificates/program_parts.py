@@ -44,7 +44,8 @@ ROWS = 8
 """Number of strips in which the surface of a blend is covered."""
 
 OTHER_CURVES, CARTESIAN = 0.1, 1.5
-"""Shares of the shorter side of a blend, and of the difference between superpositions, by which it is widened."""
+"""Shares of the sides of a blend, as long as the shorter one, and of the difference between superpositions, by which it
+is widened."""
 
 ONE_LINE = 5e-5
 """rad: by how much the point of a blend may be beside the line between its ends if both moves are on one line."""
@@ -215,11 +216,10 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
     Let a and b be the changes of the joint values from the point to configurations on the two moves within the blend.
     While both moves are superposed, the arm is at the point changed by a + b for some of them, whatever their speeds
     are; parabolas and arcs lie there too. The curve leads through rows of this surface, and the tolerance contains half
-    of the distance of two rows, ``OTHER_CURVES`` of the largest changes on the shorter side, because a curve leaves the
-    longer one by no more than these, and ``CARTESIAN`` times the largest difference from a superposition of the poses
-    of the tcp. Where these poses cannot be solved, each joint may deviate from the
-    surface by its largest change between joint moves, which controllers blend in joint space, and by any angle beside a
-    linear move.
+    of the distance of two rows, ``OTHER_CURVES`` of the largest changes if both sides were as short as the shorter one,
+    by which a curve may leave the longer one, and ``CARTESIAN`` times the largest difference from a superposition of
+    the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the surface by its largest
+    change between joint moves, which controllers blend in joint space, and by any angle beside a linear move.
     """
     point, sides = into.end, list[Array]()
     for side in (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False)):
@@ -258,5 +258,6 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
             apart = np.where(arm.angular, np.pi, extent) if linear else extent
             break
         apart = np.maximum(apart, CARTESIAN * np.abs(q[0] - joined))
-    widened = OTHER_CURVES * np.abs(one).max(axis=0)
+    short, long = (np.abs(side).max(axis=0) for side in (one, other))
+    widened = OTHER_CURVES * np.maximum(short, long * (short.max() / max(float(long.max()), 1e-12)))
     return JointPath(np.concatenate(rows), into.joint_names), between + widened + apart

@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+import gc
+import os
 import resource
 import subprocess
 import sys
@@ -126,6 +128,9 @@ def rows_of(largest: int, seed: int) -> Iterator[Row]:
         yield measured("joints", count, arm, scene, np.full(count, 0.1), rng)
 
 
+RUNS = 200
+"""Number of times that a call is measured; the median counts."""
+
 START = """
 import pinproof as pp
 arm = pp.load_robot("ur5").arm()
@@ -149,8 +154,7 @@ checker.is_free(np.zeros(6))
 """
 
 PEAK = """
-import resource
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+print(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])
 """
 """Programs of the measured processes, and the end of each, which prints its largest memory (kB)."""
 
@@ -160,24 +164,29 @@ def calls(largest: int, mbm: str | None, seed: int) -> Iterator[Row]:
     rng = np.random.default_rng(seed)
 
     def row(what: str, call: Callable[[int], object], runs: int) -> Row:
+        gc.freeze()  # the garbage collector does not search what is made for the measurements
         return Row(what=what, ms=1e3 * float(np.median([seconds(partial(call, i)) for i in range(runs)])))
 
     # Checkers that are derived from another, each with a change that it has not seen
     ur5, panda = pp.load_robot("ur5").arm(), pp.load_robot("panda").arm()
     scene = pp.Scene(boxes(100, rng))
     checker, hand = pp.CollisionChecker(ur5, scene), pp.CollisionChecker(panda)
-    moved = [scene.move("box_3", pp.pose(xyz=(2, 0, 0.01 * i))) for i in range(50)]
-    tools = [pp.Obstacle(f"tool_{i}", pp.Cylinder(0.03, 0.1 + 0.001 * i)) for i in range(50)]
+    moved = [scene.move("box_3", pp.pose(xyz=(2, 0, 0.005 * i))) for i in range(RUNS)]
+    tools = [pp.Obstacle(f"tool_{i}", pp.Cylinder(0.03, 0.1 + 0.0005 * i)) for i in range(RUNS)]
+    parts = [pp.Obstacle("part", pp.Cylinder(0.03, 0.1), pp.pose(xyz=(0, 0, 0.0005 * i))) for i in range(RUNS)]
     finger = next(iter(panda.held))
-    yield row("checker with one of 100 obstacles moved", lambda i: checker.with_scene(moved[i]), 50)
-    yield row("checker with another tool", lambda i: checker.with_attached(tools[i]), 50)
-    yield row("checker with the hand of a Panda at a new position", lambda i: hand.with_held({finger: 8e-4 * i}), 50)
+    yield row("checker with one of 100 obstacles moved", lambda i: checker.with_scene(moved[i]), RUNS)
+    yield row("checker with a part at another pose", lambda i: checker.with_attached(parts[i]), RUNS)
+    yield row("checker with a tool of a new shape", lambda i: checker.with_attached(tools[i]), RUNS)
+    yield row(
+        "checker with the hand of a Panda at a new position", lambda i: hand.with_held({finger: 0.04 * i / RUNS}), RUNS
+    )
     # Inverse kinematics at a pose that each arm reaches
     middle = np.mean(panda.limits.sampling_range(), axis=0)
     for_panda, for_ur5 = panda.forward_kinematics(middle + 0.3), ur5.forward_kinematics(np.full(6, 0.7))
     clik, analytic = pp.Clik(), pp.AnalyticIk()
-    yield row("`Clik().solve`, Panda", lambda _: clik.solve(panda, for_panda, middle), 500)
-    yield row("`AnalyticIk().solve_all`, UR5, a `pin.SE3`", lambda _: analytic.solve_all(ur5, for_ur5), 500)
+    yield row("`Clik().solve`, Panda", lambda _: clik.solve(panda, for_panda, middle), RUNS)
+    yield row("`AnalyticIk().solve_all`, UR5, a `pin.SE3`", lambda _: analytic.solve_all(ur5, for_ur5), RUNS)
     # Checkers and checks of scenes that are not ours
     problems = [each for found in find_sets(mbm, None) for each in read_problems(found, None)] if mbm else []
     if problems:
@@ -194,6 +203,8 @@ def calls(largest: int, mbm: str | None, seed: int) -> Iterator[Row]:
     with tempfile.TemporaryDirectory() as folder:
         saved = Path(folder) / "inputs.npz"
         np.savez(saved, vertices=mesh.vertices, triangles=mesh.triangles, points=points)  # type: ignore[arg-type]
+        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": folder}
+        subprocess.run([sys.executable, "-c", START], check=True, env=environment)  # compiles the modules
         load = START + LOAD.format(path=str(saved))
         for what, script in (
             ("an arm and its checker", START),
@@ -202,7 +213,9 @@ def calls(largest: int, mbm: str | None, seed: int) -> Iterator[Row]:
             (f"a checker beside a cloud of {len(points):,} scattered points", load + CLOUD),
         ):
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            done = subprocess.run([sys.executable, "-c", script + PEAK], check=True, capture_output=True, text=True)
+            done = subprocess.run(
+                [sys.executable, "-c", script + PEAK], check=True, capture_output=True, text=True, env=environment
+            )
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
             yield Row(what=f"process: {what}", ms=1e3 * spent, peak_mb=int(done.stdout.split()[-1]) / 1024)
@@ -248,13 +261,11 @@ def blocks(results: Results) -> Blocks:
 
 def measure(options: Namespace) -> Results:
     """Measure with the arguments of the command line."""
+    single = list(calls(options.largest, options.mbm, options.seed))  # before the memory is in pieces
     return Results(
         {"largest": options.largest},
         provenance(options.seed),
-        {
-            "costs": list(rows_of(options.largest, options.seed)),
-            "calls": list(calls(options.largest, options.mbm, options.seed)),
-        },
+        {"costs": list(rows_of(options.largest, options.seed)), "calls": single},
     )
 
 

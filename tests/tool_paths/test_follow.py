@@ -403,18 +403,31 @@ def test_the_tool_stops_at_sharp_corners_whose_roundings_cannot_be_timed(monkeyp
     assert (speed < 1e-9).sum() > 2
 
 
-def test_an_arm_on_a_rail_follows_a_path_longer_than_its_reach():
+def on_rail():
+    """A UR5 on a rail along its y axis."""
     arm = arm_of("ur5")
     rail = (
         '<link name="rail"/><joint name="rail" type="prismatic"><parent link="rail"/><child link="world"/>'
         '<axis xyz="0 1 0"/><limit lower="-1.5" upper="1.5" velocity="1" effort="1"/></joint></robot>'
     )
-    arm = pp.load_robot(arm.robot.urdf.text.replace("</robot>", rail)).arm(tcp=arm.tcp)
+    return pp.load_robot(arm.robot.urdf.text.replace("</robot>", rail)).arm(tcp=arm.tcp)
+
+
+def test_an_arm_on_a_rail_follows_a_path_longer_than_its_reach():
     line = np.column_stack([np.full(9, 0.5), np.linspace(-1.4, 1.4, 9), np.full(9, 0.2)])
     path = ToolPath.through(line, UP, speed=0.3)
-    plan = pp.follow(pp.CollisionChecker(arm), path, rotations=6, redundant=12, step=0.1).or_raise()
+    plan = pp.follow(pp.CollisionChecker(on_rail()), path, rotations=6, redundant=12, step=0.1).or_raise()
     assert wrong(plan, CHECKED) == []
     assert np.ptp(plan.pieces[0].q[:, 0]) > 0.8
+
+
+def test_a_joint_stays_within_a_fifth_of_its_stated_values_between_the_poses_too():
+    zigzag = np.column_stack([0.61 + 0.15 * (np.arange(6) % 2), 0.32 + np.linspace(0.0, 0.19, 6), np.full(6, 0.2)])
+    path, settings = ToolPath.through(zigzag, UP, speed=0.3), {"redundant": {"rail": [0.0]}, "deviation": 2e-4}
+    plan = pp.follow(pp.CollisionChecker(on_rail()), path, rotations=6, **settings).or_raise()
+    assert wrong(plan, CHECKED | settings) == []
+    rail = np.abs(plan.trajectory(np.linspace(0.0, plan.duration, 3000))[:, 0]).max()
+    assert 0.19 < rail < 0.2 + 1e-6
 
 
 FIVE = """<link name="burner"/><joint name="burner" type="fixed"><parent link="wrist_2_link"/><child link="burner"/>

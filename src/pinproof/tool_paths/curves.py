@@ -110,7 +110,7 @@ class CurveMaker:
             order = np.argsort(np.concatenate([knots, middles]), kind="stable")
             knots, points = np.concatenate([knots, middles])[order], np.concatenate([points, added])[order]
         if outside[worst] > ROUNDING:
-            reason = f"a joint leaves its limits by {outside[worst]:.2g} rad or m between the poses"
+            reason = f"a joint leaves its limits or stated values by {outside[worst]:.2g} rad or m between the poses"
         else:
             reason = (
                 f"the tool deviates by {bounds[worst, 0] * 1e3:.2g} mm, {bounds[worst, 1]:.2g} rad between the poses"

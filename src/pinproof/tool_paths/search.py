@@ -13,7 +13,7 @@ pieces: a piece that begins later reaches no farther.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement, groupby, pairwise, product
 
@@ -382,7 +382,11 @@ class Search:
             for total, image, rounding in zip(self.deviation, self.image, self.rounding, strict=True)
         ]
         projection = IkTask(rx=False, ry=False, rz=False) if len(self.grid.tilts) > 1 else self.task
-        maker = CurveMaker(self.arm, self.task, allowed[0], allowed[1], self.spin, projection)
+        # Between the nodes, joints stay within the bounds too; a given start may be outside
+        low, high = np.minimum(self.bounds[0], course.q.min(axis=0)), np.maximum(self.bounds[1], course.q.max(axis=0))
+        limits = self.arm.limits
+        arm = self.arm.with_limits(replace(limits, lower=limits.clip(low), upper=limits.clip(high)))
+        maker = CurveMaker(arm, self.task, allowed[0], allowed[1], self.spin, projection)
         curves: list[RouteCurve] = []
         groups: list[list[tuple[CubicPath, Array, Flags]]] = [[], [], []]
         begin, q = 0, course.q.copy()

@@ -15,7 +15,8 @@ import yaml
 import pinproof as pp
 from pinproof.collision import CollisionChecker, Scene, certify
 from pinproof.viewer import write_html
-from pinproof.viewer.web_cell import WebCell
+from pinproof.viewer.picture import Picture
+from pinproof.viewer.web_cell import WebCell, web_cell_of
 
 from .conftest import POST, small_arm, swing
 
@@ -111,3 +112,14 @@ def test_a_page_of_a_recorded_proof_has_the_margins_of_single_pairs_of_its_check
     write_html(tmp_path / "page.html", arm, Scene([POST]), swing(arm, end=0.2), certificate=certificate)
     text = (tmp_path / "page.html").read_text(encoding="utf-8").split('id="cell">', 1)[1].split("<", 1)[0]
     assert 0.0123 in np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<f8")
+
+
+@pytest.mark.parametrize("record", [True, False])
+def test_a_page_without_the_checker_of_its_proof_states_that_margins_of_single_pairs_are_unknown(record):
+    arm, scene, motion = small_arm(), Scene([POST]), swing(small_arm(), end=0.2)
+    certificate = certify(motion, CollisionChecker(arm, scene, margins={("post", "upper"): 0.0123}), record=record)
+    picture = Picture(arm, scene, motion, certificate=certificate)
+    cell = web_cell_of(picture, picture.render(), True)
+    assert cell.settings["knownMargins"] is record
+    stated = in_node("unknownMargins", cell.settings)
+    assert ("unknown" in stated) is not record

@@ -139,8 +139,8 @@ async function startLive() {
     const margin = web.margin > 0 ? " and a margin of " + millimetres(web.margin) : "";
     const only = "Only this pose is checked" + margin + "; nothing is proven about motions.";
     const proven = settings.duration > 0 && web.proven ? "Proven: the motion. " : "";
-    state.textContent = moved.size ? "The cell was changed: " + (proven ? "the proof of the motion does not hold for it. " : "") + only
-      : trying ? proven + "Shown is another pose. " + only : proven + "Checked now: the pose shown.";
+    state.textContent = (moved.size ? "The cell was changed: " + (proven ? "the proof of the motion does not hold for it. " : "") + only
+      : trying ? proven + "Shown is another pose. " + only : proven + "Checked now: the pose shown.") + unknownMargins(web);
     const { touching, text } = describeContacts(web, contacts, closest);
     pair.textContent = text;
     pair.className = touching.length || outside.length ? "state bad" : "state good";

@@ -25,6 +25,9 @@ function describeContacts(web, contacts, closest) {
   return { touching, text };
 }
 
+/** A certificate without its checker does not have the margins of single pairs. */
+const unknownMargins = ({ knownMargins }) => knownMargins ? "" : " Margins of single pairs that the scene does not state are unknown to this page.";
+
 /** Joints outside their limits, else the one nearest to a limit, and the manipulability of each arm. */
 function figuresOf(web, checked, q) {
   const outside = outsideLimits(web, q), margins = web.joints.map((joint, k) => insideBy(joint, q[k]));

@@ -130,6 +130,7 @@ def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None
             # The checker of a recorded proof, which may have margins of single pairs
             recorded = certificate.subject[1]
             checker = None if isinstance(recorded, str) else recorded
+        known = checker is not None or certificate is None
         if checker is None:
             # What the proof does not cover is not shown as a contact either
             margin = 0.0 if certificate is None else certificate.margin
@@ -145,7 +146,7 @@ def web_cell_of(picture: Picture, rendered: RenderedPicture, wanted: bool | None
         if wanted is None:
             return None
         raise
-    settings: dict[str, Any] = {"proven": proven, "motion": None, "proof": None}
+    settings: dict[str, Any] = {"proven": proven, "knownMargins": known, "motion": None, "proof": None}
     found = None if picture.trajectory is None else moments(picture.trajectory)
     if rendered.curve is not None:
         found = rendered.curve.values - rendered.curve.lower, rendered.curve.q

@@ -151,7 +151,7 @@ def test_a_moved_base_has_the_stages_of_python_for_all_picks(visit, bolts):
     assert "home" not in page.text("#live-count")
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")
-    assert words == "pinproof pick picks.yaml --place '-0.25 0.2 0 -2'"
+    assert words == "pinproof pick picks.yaml --place '-0.25 0.2 0 -2'  # from the base of this page"
     inside_the_bin = "[1, 0, 0, 0.3, 0, 1, 0, -0.1, 0, 0, 1, 0, 0, 0, 0, 1]"
     page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({inside_the_bin}), true)")
     wait_for_frame(page)
@@ -264,7 +264,7 @@ def test_pages_of_sequences_move_the_base_and_pages_without_are_smaller(visit, p
     assert page.text("#live-count").startswith("2 of 2 picks pass the grasp")
     page.click("#live-command")
     words = page.evaluate("document.getElementById('live-text').value")
-    assert words == "pinproof cell sequence picks.yaml --place '0.2 -0.1 0 0'"
+    assert words == "pinproof cell sequence picks.yaml --place '0.2 -0.1 0 0'  # from the base of this page"
 
 
 def judged_for_a_page(setup: PickSetup, index: int, pick: pp.Pick) -> dict[str, object]:

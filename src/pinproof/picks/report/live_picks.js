@@ -361,17 +361,19 @@ function offerPicks() {
     for (const [k, shift] of shifts) {
       const { name, frame, anchor, frameAt, grasps, stated } = again.rows[k], moved = carried.get(anchor) ?? new THREE.Matrix4();
       const pose = moved.clone().multiply(matrixOf(frameAt)).invert().multiply(shift).multiply(matrixOf(grasps[0].pose));
-      if (stated && !moved.equals(shift)) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks; other keys as before");
+      if (stated && !moved.equals(shift)) lines.push("- {name: " + plain(name) + ", " + (frame ? "frame: " + plain(frame) + ", " : "") + poseText(pose, true) + "}  # picks" + (frame ? "" : ", from the base of this page") + "; other keys as before");
     }
     for (const [name, shift] of carried)
-      lines.push("- {name: " + plain(name) + ", " + poseText(shift.clone().multiply(matrixOf(obstacles.get(name).pose)), true) + "}  # obstacles of the scene");
+      lines.push("- {name: " + plain(name) + ", " + poseText(shift.clone().multiply(matrixOf(obstacles.get(name).pose)), true) + "}  # obstacles of the scene, from the base of this page");
     if (!base.equals(new THREE.Matrix4())) lines.push("base: {" + poseText(base, true) + "}  # from the base of this page");
     return lines.join("\n") || "# nothing was moved";
   }
   function asCommand() {
     const [x, y, z, , , yaw] = valuesOf(base), placed = [x / 1000, y / 1000, z / 1000, yaw * DEGREE].map(short).join(" ");
-    return "pinproof " + (again.arms > 1 ? "cell allocate " : settings.moments ? "cell sequence " : "pick ") + quoted(again.file) + (base.equals(new THREE.Matrix4()) ? "" : " --place '" + placed + "'")
-      + (shifts.size ? "  # after the change of the files" : "");
+    // The page does not know where its own base is in the files, which --place and cell place move
+    const from = base.equals(new THREE.Matrix4()) ? [] : ["from the base of this page"], after = shifts.size ? ["after the change of the files"] : [];
+    return "pinproof " + (again.arms > 1 ? "cell allocate " : settings.moments ? "cell sequence " : "pick ") + quoted(again.file) + (from.length ? " --place '" + placed + "'" : "")
+      + (from.length + after.length ? "  # " + [...from, ...after].join(", ") : "");
   }
   const withdraw = (error) => {
     panel.replaceChildren(make("p", "This page does not judge picks again: " + (error.message || error), "state"));

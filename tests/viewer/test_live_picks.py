@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,8 +45,8 @@ CHOOSE_BASE = (
 class Cell:
     """The picks of a file, with what they are judged in."""
 
-    def __init__(self, robot: str, name: str) -> None:
-        self.picks = pp.read_picks(robots_folder() / robot / name)
+    def __init__(self, robot: str, name: str, /, **changes: Any) -> None:
+        self.picks = replace(pp.read_picks(robots_folder() / robot / name), **changes)
         self.arm, self.scene = self.picks.load_arm(), self.picks.load_scene()
 
     def report(self, picks: pp.Picks | None = None, scene: Scene | None = None) -> PickReport:
@@ -320,3 +321,25 @@ def test_pages_of_two_arms_judge_each_pick_with_its_arm(visit, pages):
     assert found == expected
     assert {None, "grasp"} <= set(found)
     assert "with the other arms at home" in page.text("#live-scope")
+
+
+def test_an_arm_on_a_rail_that_is_too_short_fails_at_its_limits_as_in_python(visit, pages, tmp_path, bolts):
+    """The joint at whose values the closed form is evaluated is the one that is outside its limits."""
+    rail = """<link name="rail"/><joint name="along" type="prismatic"><parent link="rail"/><child link="base_link"/>
+    <axis xyz="0 1 0"/><limit lower="-0.3" upper="0.3" velocity="1" effort="100"/></joint>"""
+    text = (robots_folder() / "ur5" / "ur5.urdf").read_text(encoding="utf-8")
+    (tmp_path / "rail.urdf").write_text(text.replace("</robot>", rail + "</robot>"), encoding="utf-8")
+    home = dict(zip(bolts.arm.joint_names, bolts.arm.home.tolist(), strict=True))
+    cell = Cell("ur5", "picks.yaml", robot=str(tmp_path / "rail.urdf"), home={"along": 0.0, **home})
+    cell.report().save(pages("rail"))
+    page = opened(visit, "rail", 800, 600)
+    page.evaluate(CHOOSE_BASE)
+    root_from_base = pose(xyz=(0.2, 1.1, 0.0), rpy=(0.0, 0.0, 0.5))
+    target = json.dumps(matrix(root_from_base).ravel().tolist())
+    page.evaluate(f"pinproof.again.moveTo(pinproof.again.matrixOf({target}), true)")
+    wait_for_frame(page)
+    back = root_from_base.inverse()
+    verdicts = cell.report(cell.picks.transformed(back), cell.scene.transformed(back)).verdicts
+    expected = [stage_of(verdict) for verdict in verdicts]
+    assert [verdict["stage"] for verdict in page.evaluate("pinproof.again.now().verdicts")] == expected
+    assert {None, "limits", "grasp"} <= set(expected)

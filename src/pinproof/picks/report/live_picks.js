@@ -15,7 +15,9 @@ function configurationsAt({ model, web }, arm, target) {
     complete = complete && Boolean(branches?.complete);
     found.push(...branches?.q ?? []);
   }
-  for (const from of web.starts ?? []) {  // without a closed form: a search
+  // Without a closed form: a search. Values beyond the limits are not those of the sweep
+  const starts = web.starts ?? (web.sweep && arm === 1 && !found.length ? [web.home] : []);
+  for (const from of starts) {
     const one = model.solve(arm, target, from);
     if (one?.reached && !found.some((q) => q.every((v, k) => Math.abs(v - one.q[k]) < 1e-3))) found.push(one.q);
   }

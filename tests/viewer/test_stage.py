@@ -28,6 +28,7 @@ from pinproof.viewer import (
     simplified,
     still,
     tool_points,
+    write_html,
 )
 from pinproof.viewer import stage as stage_module
 from pinproof.viewer.camera import LEAST_DISTANCE, fit
@@ -74,6 +75,21 @@ def test_what_cannot_be_drawn_is_named_and_a_robot_without_any_geometry_is_refus
 
 
 @pytest.mark.slow
+def test_what_has_no_area_is_named_instead_of_drawn(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", encoding="utf-8")
+    flat = f'<visual><geometry><mesh filename="{tmp_path}/flat.obj"/></geometry></visual>'
+    dot = Obstacle("dot", Sphere(1e-6))
+    stage = set_stage(small_arm(base=flat), Scene([dot]))
+    assert [link.name for link in stage.links] == ["upper"]
+    assert not stage.obstacles
+    assert stage.notes == (
+        "base is not drawn: it has no triangle of more than 5e-15 m^2",
+        "obstacle dot is not drawn: it has no triangle of more than 5e-15 m^2",
+    )
+    with pytest.raises(ViewerError, match="upper is not drawn: it has no triangle"):
+        write_html(tmp_path / "page.html", small_arm(base=flat, upper=flat))
+
+
 def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda):
     arm = panda.robot.arm(tcp="panda_hand_tcp", base="panda_link2")
     stage, q = set_stage(arm, None), arm.home + 0.1

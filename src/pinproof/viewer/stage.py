@@ -19,7 +19,15 @@ from pinproof.ik import SelfMotionCurve
 from pinproof.model import JointGroup
 from pinproof.motion import Trajectory
 from pinproof.spatial import Array, matrix
-from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
+from pinproof.viewer.surfaces import (
+    LEAST_AREA,
+    Surface,
+    body_surfaces,
+    link_surfaces,
+    merge_by_colour,
+    obstacle_surfaces,
+    shade,
+)
 from pinproof.viewer.wire import Commands, node_name, node_path
 
 MAX_BYTES = 10e6
@@ -190,14 +198,18 @@ def _by_link(geometries: Sequence[LinkGeometry]) -> dict[str, list[LinkGeometry]
 
 
 def _load_surfaces(items: Sequence[object], draw: Callable[..., list[Surface]]) -> tuple[list[Surface], str | None]:
-    """The surfaces of all items whose meshes can be loaded, and the first problem with a mesh."""
+    """The surfaces of all items whose meshes can be loaded and have an area, and the first problem with an item."""
     surfaces: list[Surface] = []
     problem = None
     for item in items:
         try:
-            surfaces += draw(item)
+            drawn = [surface for surface in draw(item) if len(surface.triangles)]
         except MeshError as error:
             problem = problem or str(error).splitlines()[0]
+            continue
+        if not drawn:
+            problem = problem or f"it has no triangle of more than {LEAST_AREA / 2:g} m^2"
+        surfaces += drawn
     return surfaces, problem
 
 

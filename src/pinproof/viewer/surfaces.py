@@ -73,6 +73,10 @@ class Surface:
         return replace(self, vertices=self.vertices @ rotation.T + shift, normals=self.normals @ rotation.T)
 
 
+LEAST_AREA = 1e-14
+"""Square metres: twice the area of the smallest triangle that is drawn."""
+
+
 def shade(
     vertices: Array, triangles: npt.NDArray[np.int64], rgba: Rgba, uv: Array | None = None, image: str | None = None
 ) -> Surface:
@@ -90,7 +94,7 @@ def shade(
     # The length of a cross product is twice the triangle's area, so sums of them are weighted by area.
     cross = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
     area = np.linalg.norm(cross, axis=1)
-    valid = area > 1e-14  # degenerate triangles have no normal
+    valid = area > LEAST_AREA  # degenerate triangles have no normal
     faces, cross, area = faces[valid], cross[valid], area[valid]
     unit = cross / area[:, None]
 

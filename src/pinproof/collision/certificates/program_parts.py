@@ -215,11 +215,12 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
 
     Let a and b be the changes of the joint values from the point to configurations on the two moves within the blend.
     While both moves are superposed, the arm is at the point changed by a + b for some of them, whatever their speeds
-    are; parabolas and arcs lie there too. The curve leads through rows of this surface, and the tolerance contains half
-    of the distance of two rows, ``OTHER_CURVES`` of the largest changes if both sides were as short as the shorter one,
-    by which a curve may leave the longer one, and ``CARTESIAN`` times the largest difference from a superposition of
-    the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the surface by its largest
-    change between joint moves, which controllers blend in joint space, and by any angle beside a linear move.
+    are; parabolas and arcs between joint moves lie there too. The curve leads through rows of this surface, and the
+    tolerance contains half of the distance of two rows, ``OTHER_CURVES`` of the largest changes if both sides were as
+    short as the shorter one, by which a curve may leave the longer one, and ``CARTESIAN`` times the largest difference
+    from a superposition of the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the
+    surface by its largest change between joint moves, which controllers blend in joint space, and by any angle beside a
+    linear move.
     """
     point, sides = into.end, list[Array]()
     for side in (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False)):

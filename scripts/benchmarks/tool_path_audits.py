@@ -272,7 +272,8 @@ def cost(arm, path: ToolPath, free, where: np.ndarray, poses: np.ndarray, q: np.
         middle = 0.5 * (where[1:] + where[:-1])
         index = np.clip(np.floor(middle).astype(int), 0, len(path.speed) - 1)
         lines, turns = moved(path.poses)
-        timed = ((lines > ONLY_TURNED[0]) | (turns <= ONLY_TURNED[1] * lines))[index]  # no speed is required of rotations
+        # No speed is required where the tool only turns.
+        timed = ((lines > ONLY_TURNED[0]) | (turns <= ONLY_TURNED[1] * lines))[index]
         timed |= (middle < 0.0) | (middle > len(path) - 1)
         times = np.where(timed, length / path.speed[index], times)
         least = np.where(timed, times, 0.0)

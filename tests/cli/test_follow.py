@@ -98,6 +98,20 @@ def test_a_base_is_placed_for_a_job_of_tool_paths(run: Cli) -> None:
     assert not run.json("cell", "place", far, *words[3:4], "3 4 3 4", *words[5:], code=1)["ok"]
 
 
+def test_the_time_of_each_stage_and_of_proofs_beside_each_body_is_printed(run: Cli) -> None:
+    Path("scene.yaml").write_text("obstacles:\n  - {name: block, box: [0.05, 0.05, 0.05], xyz: [0.45, 0, 0.1]}\n")
+    data = run.json("follow", job(), "--scene", "scene.yaml", "--profile")
+    stages = {each["stage"]: each for each in data["profile"]["stages"]}
+    assert {"configurations", "optimum", "finer values", "curves", "timing", "other"} <= set(stages)
+    assert stages["timing"]["calls"] == 2  # one for each direction
+    assert {each["name"] for each in data["profile"]["bodies"]} == {"robot", "block"}
+    # Without a motion too: what suggestions take is theirs alone
+    far = job(points=[[0.7, -0.05, 0.3], [1.0, -0.05, 0.3]])
+    out = run.prints("follow", far, "--scene", "scene.yaml", "--profile", code=1)
+    shown = {line.split("  ")[0] for line in out.splitlines()}
+    assert {"suggestions", "configurations", "block"} <= shown
+
+
 @pytest.mark.slow  # it starts processes
 def test_a_campaign_follows_each_path_by_itself(run: Cli) -> None:
     points = [LINE, [[1.5, 0, 0.2], [1.6, 0, 0.2]]]
@@ -113,6 +127,7 @@ def test_a_campaign_follows_each_path_by_itself(run: Cli) -> None:
         (("job.json", "--campaign", "out", "-o", "report.json"), ("--campaign", "-o")),
         (("job.json", "--workers", "2"), ("--campaign",)),
         (("job.json", "--program", "out.mod", "--suggestions", "3"), ("--suggestions",)),
+        (("job.json", "--campaign", "out", "--profile"), ("--profile", "--campaign")),
         (("job.json", "--program", "out.mod"), ("out.mod",)),
         (("jobb.json",), ("jobb.json", "job.json")),
         (("job.json", "--export", "rapd", "-o", "out"), ("rapd", "rapid")),

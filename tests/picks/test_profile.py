@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.common.steps import LOG, step
 from pinproof.description import robots_folder
-from pinproof.picks import PickProfile, Stage, profile_picks
+from pinproof.picks import Stage, WorkProfile, profile_picks
 from pinproof.picks.report import profile
 from pinproof.picks.report.profile import _Watch
 
@@ -21,7 +21,7 @@ from .conftest import QUICK, cell_of
 
 
 @pytest.fixture(scope="module")
-def profiled() -> PickProfile:
+def profiled() -> WorkProfile:
     """A good and a failed pick of the UR5 beside a solid of triangles, which convex pieces do not fit."""
     arm, scene, picks = cell_of("ur5", "picks.yaml", "bolt_1", "bolt_6")
     angles = np.linspace(0, 2 * np.pi, 100, endpoint=False)
@@ -37,7 +37,7 @@ def profiled() -> PickProfile:
     return profile_picks(lambda: pp.validate_picks(arm, scene, picks, budget=QUICK))
 
 
-def test_the_report_is_that_of_the_picks(profiled: PickProfile) -> None:
+def test_the_report_is_that_of_the_picks(profiled: WorkProfile) -> None:
     setup = profiled.report.setup
     assert setup is not None
     arm, _, picks = cell_of("ur5", "picks.yaml", "bolt_1", "bolt_6")
@@ -47,7 +47,7 @@ def test_the_report_is_that_of_the_picks(profiled: PickProfile) -> None:
     assert not LOG.handlers
 
 
-def test_each_stage_has_its_time(profiled: PickProfile) -> None:
+def test_each_stage_has_its_time(profiled: WorkProfile) -> None:
     names = [each.stage for each in profiled.stages]
     assert len(set(names)) == len(names)
     assert {Stage.REACH.value, Stage.GRASP.value, Stage.TRANSIT.value, Stage.TIMING.value, "other"} <= {*names}
@@ -58,7 +58,7 @@ def test_each_stage_has_its_time(profiled: PickProfile) -> None:
     assert reach.calls >= len(profiled.report.verdicts)
 
 
-def test_every_obstacle_is_measured_with_those_of_its_shape(profiled: PickProfile) -> None:
+def test_every_obstacle_is_measured_with_those_of_its_shape(profiled: WorkProfile) -> None:
     setup = profiled.report.setup
     assert setup is not None
     by_name = {each.name: each for each in profiled.bodies}
@@ -70,7 +70,7 @@ def test_every_obstacle_is_measured_with_those_of_its_shape(profiled: PickProfil
     assert all(each.seconds >= 0 for each in profiled.bodies)
 
 
-def test_advice_is_for_slow_bodies_that_no_pick_is_in(monkeypatch, profiled: PickProfile) -> None:
+def test_advice_is_for_slow_bodies_that_no_pick_is_in(monkeypatch, profiled: WorkProfile) -> None:
     """Rings of triangles, of which one is around the grasp of a pick; then all bodies cost the same."""
     report = profiled.report
     setup = report.setup
@@ -84,7 +84,7 @@ def test_advice_is_for_slow_bodies_that_no_pick_is_in(monkeypatch, profiled: Pic
         own = {"ring": seconds, **{other.name: 0.2 for other in others}}
         monkeypatch.setattr(profile, "_seconds", lambda checker, _: sum(own[name] for name in checker.scene))
         made = replace(report, setup=replace(setup, checker=setup.checker.with_scene(scene)))
-        return next(body.advice for body in profile._body_times(made) if body.name == "ring")
+        return next(body.advice for body in profile_picks(lambda: made).bodies if body.name == "ring")
 
     far, around = np.array([1.5, 0, 0]), tip - [0, 0, 0.025]
     assert "hull: true" in advice(0.8, far)

@@ -7,6 +7,7 @@ certifies a robot program again.
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -69,6 +70,7 @@ def follow(
         None,
         min=0,
     ),
+    profile: bool = option("Also print the time of each stage, and of each body in the proofs beside it.", False),
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -85,8 +87,8 @@ def follow(
         raise InputError(
             "--program and --campaign have no report; remove -o, --save, --export, and --html, which --campaign has"
         )
-    if suggestions is not None and (program is not None or campaign is not None):
-        raise InputError("--suggestions is not for --program and --campaign, which suggest no changes; remove it")
+    if (suggestions is not None or profile) and (program is not None or campaign is not None):
+        raise InputError("--suggestions and --profile cannot be combined with --program and --campaign; remove them")
     if out.process_dwell and out.export is None:
         raise InputError("--process-dwell needs --export")
     if pool.stated and campaign is None:
@@ -120,7 +122,9 @@ def follow(
         return
     with progress_status(f"following {file}"):
         tried = 12 if suggestions is None else suggestions
-        report = pp.tool_paths.follow_job(job, checker=checker, suggestions=tried, rng=seed, colour=out.colour)
+        work = partial(pp.tool_paths.follow_job, job, checker=checker, suggestions=tried, rng=seed, colour=out.colour)
+        profiled = pp.tool_paths.profile_job(work) if profile else None
+        report = work() if profiled is None else profiled.report
     # The files before the answer, which names them; a motion that is not proven is no motion
     files = list[Path]()
     made = None
@@ -141,5 +145,8 @@ def follow(
     data = report.to_dict() | ({} if made is None else {"program": made.to_dict()})
     lines = [report.to_text(), *(f"not covered: {note}" for note in report.notes)]
     lines += [] if made is None else [f"{out.export}: {made.message}"]
+    if profiled is not None:
+        data["profile"] = profiled.to_dict()
+        lines += ["", profiled.to_text()]
     ok = report.ok and (made is None or made.ok)
     print_result(data, [*lines, *written(*files)], as_json=as_json, ok=ok)

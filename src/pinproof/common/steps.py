@@ -2,7 +2,8 @@
 
 The library prints nothing. It logs the start and the end of each step to :data:`LOG`, and programs decide what they
 show: ``logging.basicConfig(level="INFO")`` prints the steps on meshes, and the command line prints a step that takes
-longer than two seconds. A step on a large input has the level INFO, the stages of a pick have the level DEBUG.
+longer than two seconds. A step on a large input has the level INFO, the stages of a pick or a tool path have the level
+DEBUG.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 LOG = logging.getLogger("pinproof.steps")
+SUGGESTIONS = "suggestions"
+"""The step whose inner steps are a part of it."""
 
 
 @contextmanager

@@ -74,7 +74,8 @@ from pinproof.picks.judging.verdict import (
 )  # fmt: skip
 from pinproof.picks.report.live_picks import LivePicks as LivePicks
 from pinproof.picks.report.profile import (
-    BodyTime as BodyTime, PickProfile as PickProfile, StageTime as StageTime, profile_picks as profile_picks,
+    BodyTime as BodyTime, Proofs as Proofs, StageTime as StageTime, WorkProfile as WorkProfile,
+    profile_picks as profile_picks, profile_work as profile_work,
 )  # fmt: skip
 from pinproof.picks.report.program_details import (
     check_export as check_export, controller_tool as controller_tool, with_motion as with_motion,

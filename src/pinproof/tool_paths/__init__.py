@@ -34,6 +34,7 @@ from pinproof.tool_paths.report import (
     FollowReport as FollowReport,
     StrokeReport as StrokeReport,
     follow_job as follow_job,
+    profile_job as profile_job,
 )
 from pinproof.tool_paths.result import (
     BlockedPose as BlockedPose,

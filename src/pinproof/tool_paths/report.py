@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from pinproof.common.results import Rows, Saved, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.model import guess_note
-from pinproof.picks import controller_tool
+from pinproof.picks import Proofs, WorkProfile, controller_tool, profile_work
 from pinproof.tool_paths.files import ToolJob
 from pinproof.tool_paths.following import TRANSIT
 from pinproof.tool_paths.ordering import StrokesPlan, follow_all
@@ -249,3 +249,20 @@ def follow_job(
         changes = suggest_changes(plan, {**job.options, "rng": rng}, part=part, budget=suggestions)
         strokes.append(StrokeReport(next(own for own in placed if own.name == name), plan, changes))
     return FollowReport(job, tuple(strokes), motion, colour)
+
+
+def profile_job(follow: Callable[[], FollowReport]) -> WorkProfile:
+    """Run a call of :func:`follow_job` in this process, and measure its stages and the bodies of its cell.
+
+    Parameters
+    ----------
+    follow
+        The call, for example ``lambda: pp.tool_paths.follow_job(job)``.
+    """
+
+    def proofs(report: FollowReport) -> Proofs:
+        curves = [own.plan.trajectory for own in report.good]
+        points = np.concatenate([own.stroke.path.poses[:, :3, 3] for own in report.strokes])
+        return Proofs(report.checker, curves, report.checker.group.home, points)
+
+    return profile_work(follow, proofs)

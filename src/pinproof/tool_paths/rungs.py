@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from pinproof._core import Ladder
 from pinproof.collision import CollisionChecker
+from pinproof.common.steps import step
 from pinproof.common.structs import key, struct
 from pinproof.description import with_spin
 from pinproof.errors import InputError, NoClosedForm, UnknownNameError
@@ -401,6 +402,7 @@ class RungLadder:
         self._split: list[int] = []  # the joints whose windings are separate nodes
         self._build()
 
+    @step("optimum")
     def solve(self, first: int, last: int, others: int = 0, apart: float = 0.0) -> Course:
         """The cheapest sequence from one rung to another one, or to the farthest before it, within all limits.
 

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.common.steps import step
 from pinproof.ik import Clik, IkTask, track
 from pinproof.model import Arm
 from pinproof.motion import CubicPath
@@ -258,6 +259,7 @@ class Search:
         steps = np.diff(self.path.poses[:, :3, 3], axis=0) / np.maximum(lengths, 1e-300)
         return (1 + np.flatnonzero((steps[1:] * steps[:-1]).sum(axis=1) < np.cos(SHARP))).tolist()
 
+    @step("configurations")
     def _fill(self, rungs: list[Rung]) -> None:
         for first in range(0, len(rungs), BLOCK):
             block = rungs[first : first + BLOCK]
@@ -266,6 +268,7 @@ class Search:
                 ranged=self.spin is not None,
             )  # fmt: skip
 
+    @step("optimum")
     def _connect(self) -> None:
         """The ladder graph over the rungs."""
         places = np.array([rung.place for rung in self.rungs])
@@ -373,6 +376,7 @@ class Search:
         begin = before.s if before.route == after.route else 0.0
         return (after.s - begin) * self.routes[after.route].length
 
+    @step("curves")
     def _curves(self, first: int, course: Course, width: float, grid_cost: float) -> FollowedPiece | tuple[int, str]:
         """Curves through the nodes of a course, or the index of the edge along which none was found, and why."""
         last = first + len(course.nodes) - 1
@@ -465,6 +469,7 @@ class Search:
         rung.free = np.append(rung.free, np.ones(len(q), dtype=bool))
         rung.rates = np.append(rung.rates, rates_of(self.checker, self.arm, q, self.settings.costs))
 
+    @step("finer values")
     def _polished(self, first: int, course: Course, kept: Flags, rounds: int = ROUNDS) -> Course:
         """The optimum over finer and finer values around those of a course, which move the tool only about its axis.
 

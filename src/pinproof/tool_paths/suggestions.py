@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pinproof.collision import CollisionChecker
+from pinproof.common.steps import SUGGESTIONS, step
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
@@ -69,6 +70,7 @@ class Change(NamedTuple):
     apply: Callable[[Case], Case]
 
 
+@step(SUGGESTIONS)
 def suggest_changes(
     plan: FollowPlan, settings: dict[str, Any], *, part: Sequence[str] = (), budget: int = 12
 ) -> tuple[PathSuggestion, ...]:

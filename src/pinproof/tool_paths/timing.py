@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.steps import step
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm
 from pinproof.motion import CubicPath, ToolLimits, Trajectory, time_parametrise
@@ -43,6 +44,7 @@ class ToolSpeed:
     times: tuple[float, float]
 
 
+@step("timing")
 def timed_along(arm: Arm, curves: list[tuple[CubicPath, Array, npt.NDArray[np.bool_]]], tolerance: float) -> TimedPath:
     """The motion along curves at whose ends the tool stops, each with the largest speed (m/s) of its pieces.
 

@@ -24,14 +24,14 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.steps import step
+from pinproof.common.steps import SUGGESTIONS, step
 from pinproof.ik import Clik
 from pinproof.motion import read_only
 from pinproof.picks.input.pick import ROOT, TIP, Pick
 from pinproof.picks.judging.configurations import configurations, has_closed_form
 from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import PickTask
-from pinproof.picks.judging.verdict import SUGGESTIONS, PickVerdict, Stage, StageResult, Suggestion
+from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult, Suggestion
 from pinproof.planning import RouteFollower
 from pinproof.spatial import SE3, Array, rotation_about, translated
 

@@ -56,8 +56,8 @@ class Stage(Enum):
         return order.index(self) > order.index(other)
 
 
-LINES, REFUTATION, SUGGESTIONS = "approach and retreat", "refutation", "suggestions"
-"""Further steps of which the time is measured: both lines, the proof that a pick is impossible, and changed picks."""
+LINES, REFUTATION = "approach and retreat", "refutation"
+"""Further steps of which the time is measured: both lines, and the proof that a pick is impossible."""
 
 
 class PickStatus(Enum):

@@ -1,11 +1,11 @@
-"""What makes a cell slow: the time of each stage of the picks, and of each body in the proofs beside it."""
+"""What makes a cell slow: the time of each stage of the work, and of each body in the proofs beside it."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,19 +21,19 @@ from pinproof.collision import (
     outer_points,
 )
 from pinproof.common.results import Rows, Saved, View, Written
-from pinproof.common.steps import LOG
+from pinproof.common.steps import LOG, SUGGESTIONS
 from pinproof.common.structs import ANY_TEXT, key, reported, struct
 from pinproof.motion import Curve, JointPath
 from pinproof.picks.judging.task import PickTask
-from pinproof.picks.judging.verdict import LINES, REFUTATION, SUGGESTIONS, PickStatus, Stage
+from pinproof.picks.judging.verdict import PickStatus
 from pinproof.picks.report.report import PickReport
 from pinproof.spatial import SE3, Array
 
 SHORT = 0.01
 """Share of the time from which a step on a mesh has a row of its own."""
 
-MOST_PICKS, REPEATS = 20, 3
-"""Good picks along whose motions bodies are compared, and repetitions, of which the fastest counts."""
+MOST_MOTIONS, REPEATS = 20, 3
+"""Good picks or strokes along whose motions bodies are compared, and repetitions, of which the fastest counts."""
 
 MOST_GROUPS = 40
 """Shapes that are compared one by one, those with the most bodies first; the others are compared together."""
@@ -47,7 +47,7 @@ class StageTime:
     """The time of a stage."""
 
     stage: str = key("name of the stage, or `suggestions` or `other`")
-    seconds: float = key("time of the stage in all picks", "s")
+    seconds: float = key("time of the stage in all picks or strokes", "s")
     calls: int = key("number of times that the stage began")
 
 
@@ -63,14 +63,14 @@ class BodyTime:
 
 
 @struct("profile", version="pinproof/profile/1", first=("summary", "stages", "bodies"), written=True, eq=False)
-class PickProfile(Saved, Written):
-    """Where the time of :func:`pinproof.validate_picks` was spent; made by :func:`profile_picks`."""
+class WorkProfile(Saved, Written):
+    """Where the time was spent; made by :func:`profile_picks`, and by :func:`pinproof.tool_paths.profile_strokes`."""
 
-    report: PickReport = key("the report on the picks", hidden=True)
+    report: Any = key("the report on the picks or strokes", hidden=True)
     stages: tuple[StageTime, ...] = key("the stages, the slowest first")
     bodies: tuple[BodyTime, ...] = key(
-        "the bodies, the slowest first: the motions of good picks, or random motions if no pick is good, are proven "
-        "again beside each body alone"
+        "the bodies, the slowest first: the motions of good picks or strokes, or random motions if none is good, are "
+        "proven again beside each body alone"
     )
 
     @property
@@ -101,7 +101,7 @@ class PickProfile(Saved, Written):
         return "\n".join([self.summary, *(line for rows in self._tables() for line in ("", *rows.text()))])
 
 
-def profile_picks(judge: Callable[[], PickReport]) -> PickProfile:
+def profile_picks(judge: Callable[[], PickReport]) -> WorkProfile:
     """Run a call of :func:`pinproof.validate_picks` in this process, and measure its stages and the bodies of its cell.
 
     Parameters
@@ -109,23 +109,56 @@ def profile_picks(judge: Callable[[], PickReport]) -> PickProfile:
     judge
         The call, for example ``lambda: pp.validate_picks(arm, scene, picks)``. Workers are not measured.
     """
+
+    def proofs(report: PickReport) -> Proofs | None:
+        if report.setup is None:
+            return None
+        # The tips at the grasps and at the releases, and the picked obstacles
+        poses = list[SE3]()
+        for verdict in report.verdicts:
+            if verdict.status is not PickStatus.UNREADABLE:
+                task = PickTask(verdict.pick, report.setup.cell)
+                poses += [each.pose for each in (task.pick, task.place) if each is not None]
+                poses += [task.scene[str(task.name)].pose] if task.from_scene else []
+        points = np.array([pose.translation for pose in poses]).reshape(-1, 3)
+        curves = [motion.trajectory for verdict in report.good[:MOST_MOTIONS] for motion in verdict.motions]
+        return Proofs(report.setup.checker, curves, report.setup.home, points)
+
+    return profile_work(judge, proofs)
+
+
+class Proofs(NamedTuple):
+    """The motions that are proven again beside each body; without any, random straight ones from ``home`` (n,).
+
+    An obstacle in whose hull one of ``points`` (N, 3) in the root frame is must not be replaced by that hull.
+    """
+
+    checker: CollisionChecker
+    curves: Sequence[Curve]
+    home: Array
+    points: Array
+
+
+def profile_work(work: Callable[[], Any], proofs: Callable[[Any], Proofs | None]) -> WorkProfile:
+    """Run work in this process, and measure its steps, and the bodies in proofs of the motions of its report."""
     watch = _Watch()
     level = LOG.level
     LOG.addHandler(watch)
     LOG.setLevel(logging.DEBUG)
     start = time.perf_counter()
     try:
-        report = judge()
+        report = work()
     finally:
         LOG.removeHandler(watch)
         LOG.setLevel(level)
-    total, known = time.perf_counter() - start, {name for name, (seconds, _) in watch.times.items() if seconds}
+    total = time.perf_counter() - start
     # Short steps on meshes are not worth a row
-    names = {stage.value for stage in Stage} | {LINES, REFUTATION, SUGGESTIONS}
-    shown = {name for name in known if name in names or watch.times[name][0] >= SHORT * total}
+    shown = [name for name, (seconds, _) in watch.times.items() if seconds > (SHORT * total * (name in watch.large))]
     stages = [StageTime(name, *watch.times[name]) for name in shown]
     stages.append(StageTime("other", max(total - sum(each.seconds for each in stages), 0.0), 1))
-    return PickProfile(report, tuple(sorted(stages, key=lambda each: -each.seconds)), _body_times(report))
+    cell = proofs(report)
+    bodies = () if cell is None else _body_times(cell)
+    return WorkProfile(report, tuple(sorted(stages, key=lambda each: -each.seconds)), bodies)
 
 
 class _Watch(logging.Handler):
@@ -134,6 +167,7 @@ class _Watch(logging.Handler):
     def __init__(self) -> None:
         super().__init__(logging.DEBUG)
         self.times: dict[str, tuple[float, int]] = {}
+        self.large: set[str] = set()  # the steps on large inputs
         self._open: list[list[Any]] = []  # name, and the seconds of the steps in it
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -145,20 +179,17 @@ class _Watch(logging.Handler):
         name, inner = self._open.pop()
         before, calls = self.times.get(name, (0.0, 0))
         self.times[name] = before + seconds - inner, calls + 1
+        self.large |= {name} if record.levelno > logging.DEBUG else set()
         if self._open:
             self._open[-1][1] += seconds
 
 
-def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
+def _body_times(cell: Proofs) -> tuple[BodyTime, ...]:
     """The times of proving the same motions beside the obstacles of each shape alone, and beside none."""
-    if report.setup is None:
-        return ()
-    checker = report.setup.checker
-    # The motions of good picks, or random straight motions from home if no pick is good
-    curves: list[Curve] = [motion.trajectory for verdict in report.good[:MOST_PICKS] for motion in verdict.motions]
+    checker, curves, home, points = cell
+    arm = checker.group
     if not curves:
-        arm, home, rng = checker.arm, report.setup.home, np.random.default_rng(0)
-        ends = np.clip(home + rng.uniform(-1.0, 1.0, (MOST_PICKS, arm.dof)), arm.limits.lower, arm.limits.upper)
+        ends = arm.limits.clip(home + np.random.default_rng(0).uniform(-1.0, 1.0, (MOST_MOTIONS, arm.dof)))
         curves = [JointPath(np.array([home, end]), arm.joint_names) for end in ends]
     bodies: dict[str | None, list[Body]] = {}
     for body in checker.bodies:
@@ -176,14 +207,7 @@ def _body_times(report: PickReport) -> tuple[BodyTime, ...]:
     beside = (_seconds(checker.with_scene(Scene(tuple(group))), curves) for group in groups)
     times = [robot, *(max(seconds - robot, 0.0) for seconds in beside)]
     total, least = max(sum(times), 1e-12), max(LARGE * sum(times), CLEAR * float(np.median(times)))
-    # (N, 3) the tips at the grasps and at the releases in the root frame, and the picked obstacles
-    poses = list[SE3]()
-    for verdict in report.verdicts:
-        if verdict.status is not PickStatus.UNREADABLE:
-            task = PickTask(verdict.pick, report.setup.cell)
-            poses += [each.pose for each in (task.pick, task.place) if each is not None]
-            poses += [task.scene[str(task.name)].pose] if task.from_scene else []
-    points, rows = np.array([pose.translation for pose in poses]).reshape(-1, 3), []
+    rows = list[BodyTime]()
     for seconds, group in zip(times, [[], *groups], strict=True):
         names = [thing.name for thing in group]
         own = bodies.get(None, []) if not names else [body for name in names for body in bodies[name]]

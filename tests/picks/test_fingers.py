@@ -12,7 +12,10 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import pinproof as pp
+from pinproof.collision import Mesh
 from pinproof.collision.checking.line_surface import LineSurface
+from pinproof.collision.geometry.bodies import bodies_of
+from pinproof.collision.geometry.hulls import spiral_directions
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks import GripLimits, Stage
 from pinproof.picks.judging.grip import (
@@ -22,7 +25,6 @@ from pinproof.picks.judging.grip import (
     MovingFinger,
     PlacedSurface,
     _earlier_contact,
-    _hull,
     fingers_of,
     grip_by_fingers,
     too_far_to_hold,
@@ -31,6 +33,9 @@ from pinproof.spatial import SE3
 
 from . import grip_oracle as oracle
 from .conftest import DOWN, judge_in
+
+BALL = spiral_directions(1000)
+"""Unit vectors, of which one is within 0.09 rad of each direction."""
 
 # -- the closing motion ------------------------------------------------------------------------------------------------
 
@@ -84,12 +89,15 @@ def test_swept_bodies_hold_every_point_of_rotating_fingers_and_little_more(pince
         "left_knuckle": np.array(np.meshgrid((-0.005, 0.005), (-0.006, 0.006), (0.0, 0.06))).reshape(3, 8).T,
     }
     for name, points in own.items():
-        swept = [each.shape.points for each in found[name].swept()]
+        shapes = [each.shape for each in found[name].swept()]
+        # The hull of points on the balls is inside the body, and at most 0.4 % of their radius below its surface.
+        swept = [(shape.points[:, None] + shape.radius * BALL).reshape(-1, 3) for shape in shapes]
         faces, reached = [ConvexHull(each).equations for each in swept], []
+        deep = 0.004 * max(shape.radius for shape in shapes)
         for value in STEPS:
             at = bodies(pincer, value)[name]
             placed = points @ at.rotation.T + at.translation
-            inside = np.any([(placed @ face[:, :3].T + face[:, 3] <= 1e-9).all(axis=1) for face in faces], axis=0)
+            inside = np.any([(placed @ face[:, :3].T + face[:, 3] <= deep).all(axis=1) for face in faces], axis=0)
             assert inside.all(), (name, value)
             reached.append(placed)
         corners, reached = np.concatenate(swept), np.concatenate(reached)
@@ -132,22 +140,23 @@ def test_distances_alone_refuse_only_fingers_that_do_not_hold_the_part(pincer) -
     assert min(outcomes[True, False], outcomes[False, True]) > 4
 
 
-@pytest.mark.parametrize("offset", [(0, 0, 0), (0.1, 0.2, 0.3), (-0.3, 0.05, -0.2)])
-@pytest.mark.parametrize("axis", range(3))
-def test_the_hull_of_a_flat_body_is_somewhat_thicker(offset, axis: int) -> None:
-    points = np.insert(np.array([(0, 0), (0.02, 0), (0, 0.03), (0.02, 0.03)]), axis, 0.0, axis=1) + offset
-    vertices = _hull(points, 0.0).points
-    for thick, wide in zip(np.ptp(vertices, axis=0), np.ptp(points, axis=0), strict=True):
-        assert thick == pytest.approx(wide + 2 * FLAT, abs=1e-9)
-    solid = np.concatenate([points, points + 0.01])
-    np.testing.assert_allclose(np.ptp(_hull(solid, 0.0).points, axis=0), np.ptp(solid, axis=0), atol=1e-12)
-
-
 def finger_of(shape: pp.Shape, closed: SE3, direction: np.ndarray, travel: float) -> MovingFinger:
     """A body that translates along ``direction`` (3,) by ``travel`` (m) to its closed pose."""
     start = SE3(closed.rotation, closed.translation - travel * direction)
     surface = LineSurface.of_obstacle(pp.Obstacle("finger", shape))
     return MovingFinger("finger", (PlacedSurface(surface, SE3.Identity()),), (start, closed), direction)
+
+
+@pytest.mark.parametrize("offset", [(0, 0, 0), (0.1, 0.2, 0.3), (-0.3, 0.05, -0.2)])
+@pytest.mark.parametrize("axis", range(3))
+def test_the_swept_body_of_a_flat_finger_is_somewhat_thicker_if_it_closes_in_its_plane(offset, axis: int) -> None:
+    corners = np.insert(np.array([(0, 0), (0.02, 0), (0, 0.03), (0.02, 0.03)]), axis, 0.0, axis=1) + offset
+    sheet = Mesh(vertices=corners, triangles=np.array([(0, 1, 2), (1, 3, 2)]), hull=False, hollow=True)
+    for direction in np.eye(3):
+        (swept,) = finger_of(sheet, SE3.Identity(), direction, 0.01).swept()
+        (body,) = bodies_of(swept, "hand")
+        grow = FLAT if direction[axis] == 0 else 0.0
+        np.testing.assert_allclose(np.ptp(body.box, axis=0), np.ptp(corners, axis=0) + 0.01 * direction + 2 * grow)
 
 
 def test_fingers_that_close_along_an_oblique_approach_touch_the_part_over_the_common_rectangle() -> None:

@@ -352,7 +352,8 @@ class _Neighbours:
 
     def claim(self, a: Body, b: Body) -> tuple[str, bool]:
         """Return why the owners of two bodies may touch (empty: they may not), and if sampling must confirm it."""
-        key = a.owner, a.link, b.owner, b.link
+        # The name of an attached object does not matter: rules of an SRDF are about links.
+        key = a.owner == a.link, a.link, b.owner == b.link, b.link
         if key not in self.known.claims:
             _keep(self.known.claims, key, self._claim(a, b), CLAIMS_KEPT)
         return self.known.claims[key]
@@ -376,7 +377,8 @@ class _Neighbours:
         solid_between = any(link in self._solid for link in between)
         if len(moving) == 1 and not solid_between:
             return "adjacent: joined by a joint", False
-        disabled = self._disabled.get(frozenset((a.owner, b.owner)))
+        both_links = a.owner == a.link and b.owner == b.link
+        disabled = self._disabled.get(frozenset((a.owner, b.owner))) if both_links else None
         if disabled is not None:
             claim = _by_srdf(disabled)
         else:

@@ -26,7 +26,6 @@ from pinproof._core import bodies_on_joint, box_bodies
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import (
     Inside,
-    PointHull,
     Solid,
     Surface,
     bvh,
@@ -81,6 +80,9 @@ CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 
 ENDS = np.array([[-1.0] * 3, [1.0] * 3])
 """Its lowest and its highest corner."""
+
+FEW_POINTS = 32
+"""Up to this number of points a hull keeps those inside it."""
 
 ORIGIN = 0.0, 0.0, 0.0
 
@@ -146,6 +148,8 @@ class Support:
 class MeshModel:
     """Coal's model of triangles, made on first access: the core has its own, and coal takes 2.5 us for a triangle."""
 
+    kind = "BVHModelOBBRSS"
+
     def __init__(self, vertices: Array, triangles: npt.NDArray[np.int64]) -> None:
         self.vertices, self.triangles = vertices, triangles
 
@@ -161,6 +165,23 @@ class MeshModel:
 
     def __getstate__(self) -> dict[str, Any]:
         return {"vertices": self.vertices, "triangles": self.triangles}
+
+
+class HullModel:
+    """Coal's hull of points grown by a ball, made on first access: only coal's depths need it, and Qhull is slow."""
+
+    kind = "Convex"
+
+    def __init__(self, points: Array, radius: float = 0.0) -> None:
+        self.points, self.radius = points, radius
+
+    @cached_property
+    def made(self) -> Any:
+        """The shape of coal; a polytope around the ball."""
+        return hull_of_any(rounded_corners(self.points, self.radius))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"points": self.points, "radius": self.radius}
 
 
 @described(eq=False)
@@ -199,7 +220,7 @@ class Body:
     @property
     def geometry(self) -> Any:
         """The coal shape, in the body's own frame."""
-        return self.model.made if isinstance(self.model, MeshModel) else self.model
+        return self.model.made if isinstance(self.model, MeshModel | HullModel) else self.model
 
     @cached_property
     def core_shape(self) -> CoreShape:
@@ -239,7 +260,8 @@ class Body:
 
     @property
     def _kind(self) -> str:
-        return "BVHModelOBBRSS" if isinstance(self.model, MeshModel) else type(self.model).__name__
+        model = self.model
+        return model.kind if isinstance(model, MeshModel | HullModel) else type(model).__name__
 
     @property
     def is_exact(self) -> bool:
@@ -579,15 +601,14 @@ def _hull(points: Array, what: str) -> Made:
     return geometry, _box_around(points), Support(np.array(geometry.points(), dtype=float)), None
 
 
-def _rounded(points: Array, radius: float) -> Made:
-    """Return the hull of points, which may be flat, grown by a ball; coal, which measures depths, has a polytope."""
-    corners = PointHull(points).points
-    return (
-        hull_of_any(rounded_corners(corners, radius)),
-        _box_around(corners) + ENDS * radius,
-        Support(corners, radius),
-        None,
-    )
+def _convex_shape(shape: ConvexShape) -> Made:
+    """Return the hull of points grown by a ball, without which they are not flat."""
+    points, radius = shape.points, shape.radius
+    if radius == 0.0 and len(points) > FEW_POINTS:
+        return _hull(points, "the convex shape")
+    # Points inside a hull of few points cost less than finding its corners.
+    corners = points if len(points) <= FEW_POINTS else np.array(hull_of_any(points).points(), dtype=float)
+    return HullModel(corners, radius), _box_around(corners) + ENDS * radius, Support(corners, radius), None
 
 
 def _piece(points: Array) -> Made:
@@ -622,7 +643,7 @@ GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
         None,
         None,
     ),
-    ConvexShape: lambda s: _rounded(s.points, s.radius) if s.radius else _hull(s.points, "the convex shape"),
+    ConvexShape: _convex_shape,
     Mesh: lambda s: _unmodified(*_stamped(s)),
     PointCloud: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),
     OccupancyGrid: lambda s: (*_surface(*cell_faces(s)), Cells.of(s)),

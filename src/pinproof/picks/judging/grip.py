@@ -196,27 +196,21 @@ class MovingFinger:
     def swept(self) -> tuple[Obstacle, ...]:
         """Convex bodies in the tcp frame that contain the finger during the complete closing motion.
 
-        For each chord this is the hull of the body at both ends, enlarged by the sagitta.
+        For each chord this is the hull of the body at both ends, enlarged by the sagitta, or by FLAT if it is coplanar.
         """
         bodies = []
         for number, body in enumerate(self.surfaces):
             placed = [body.moved(at).points for at in self.placements]
             for step, ends in enumerate(map(np.concatenate, pairwise(placed))):
-                bodies.append(Obstacle(f"{self.name} closing {number}.{step}", _hull(ends, self.sagitta)))
+                thin = np.linalg.svd(ends - ends.mean(axis=0), compute_uv=False).min() < FLAT
+                shape = ConvexShape(ends, max(self.sagitta, FLAT if thin else 0.0))
+                bodies.append(Obstacle(f"{self.name} closing {number}.{step}", shape))
         return tuple(bodies)
 
 
 def _centre(surfaces: Sequence[PlacedSurface]) -> Array:
     """(3,) the mean of the centres of bodies."""
     return np.asarray(np.mean([at.act(surface.body.box.mean(axis=0)) for surface, at in surfaces], axis=0))
-
-
-def _hull(points: Array, grow: float) -> ConvexShape:
-    """The hull of points (V, 3), enlarged by a cube of half side ``grow``, or by FLAT if they are coplanar."""
-    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
-    thin = np.linalg.svd(points - points.mean(axis=0), compute_uv=False).min() < FLAT
-    by = max(grow, FLAT if thin else 0.0)
-    return ConvexShape((points[:, None] + by * corners).reshape(-1, 3) if by > 0.0 else points)
 
 
 def fingers_of(arm: Arm | None, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
@@ -666,6 +660,8 @@ class _Facing:
             if not np.isfinite(gaps).any():
                 break
             best = min(best, float(gaps.min()))
+            if np.ptp(gaps) <= LEAST_TRAVEL:  # two faces that are parallel here; infinite gaps are not
+                break
             at = lines[int(gaps.argmin()), :2]
             low, high, count = np.maximum(at - 1.5 * cell, self._low), np.minimum(at + 1.5 * cell, self._high), ZOOMED
         return best

@@ -71,6 +71,14 @@ def test_the_probe_detects_a_slow_library() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("before", ["enable", "disable"])
+def test_imports_leave_the_garbage_collector_as_it_was(before: str) -> None:
+    code = f"import gc; gc.{before}(); import pinproof; pinproof.pose; print(gc.isenabled())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == [str(before == "enable")]
+
+
+@pytest.mark.slow
 def test_help_of_the_command_line_loads_no_kinematics() -> None:
     heavy = SLOW - {"typer"}
     assert loaded_by("import pinproof.cli.main") & heavy == set()

@@ -132,6 +132,19 @@ def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, 
     assert np.allclose(entered[:3], 1000 * tcp.translation, atol=0.06)
 
 
+def test_a_computer_that_draws_slowly_draws_less_while_the_target_is_dragged(visit, written, ur5):
+    page = opened(visit, written, 600, 400)  # pages in tests draw at most twelve frames a second
+    page.evaluate(
+        "{ const R = pinproof.viewer.renderer, set = R.setPixelRatio.bind(R); window.drawn = [];"
+        " R.setPixelRatio = (ratio) => { set(ratio); drawn.push([ratio, R.domElement.width]); }; }"
+    )
+    sharp = page.evaluate("pinproof.viewer.renderer.domElement.width")
+    start = page.evaluate(PLACE % tuple(ur5.forward_kinematics(ur5.home).translation))
+    page.drag(start, (start[0] - 30, start[1] - 20))
+    assert page.evaluate("drawn") == [[0.5, sharp // 2], [1, sharp]]
+    assert page.evaluate("pinproof.viewer.renderer.shadowMap.autoUpdate")
+
+
 def test_an_obstacle_and_the_robot_are_moved_by_numbers(visit, written, ur5, cell, checker):
     page = opened(visit, written, 1000, 700)
     choose = "const s = document.getElementById('live-thing'); s.value = '{}'; s.dispatchEvent(new Event('change'));"

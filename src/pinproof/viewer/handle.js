@@ -88,7 +88,7 @@ function poseEntries(move) {
 function makeHandle(group, poseNow, moveTo) {
   const handle = new THREE.Group(), parts = [], alarm = new THREE.Color(settings.theme.alarm), up = new THREE.Vector3(0, 0, 1);
   const size = 0.09 * Math.max(...points.map((p) => p.distanceTo(points[0])));
-  let drag = null, planar = false;
+  let drag = null, planar = false, sharpness = 0;
   const add = (geometry, colour, kind, axis) => {
     const part = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: colour, depthTest: false, transparent: true, opacity: 0.85 }));
     part.renderOrder = 8;
@@ -126,6 +126,17 @@ function makeHandle(group, poseNow, moveTo) {
     const hit = onPlane(ray, normal, at);
     return hit === null ? null : hit.sub(at).dot(axis);
   };
+  // After two pictures that took longer than 1/30 s, a quarter of the pixels is drawn, with the shadows as they are.
+  const watch = (last, slow) => requestAnimationFrame((now) => {
+    if (drag === null) return;
+    slow = now - last > 1000 / 30 ? slow + 1 : 0;
+    if (slow > 1 && !sharpness) {
+      sharpness = viewer.renderer.getPixelRatio();
+      viewer.renderer.setPixelRatio(sharpness / 2);
+      viewer.renderer.shadowMap.autoUpdate = false;
+    }
+    watch(now, slow);
+  });
   pane.addEventListener("pointerdown", (event) => {
     if (!handle.visible) return;
     const ray = rayOf(event), hit = caster.intersectObjects(parts.filter((part) => part.visible))[0];
@@ -137,7 +148,9 @@ function makeHandle(group, poseNow, moveTo) {
     const start = poseNow().clone(), at = new THREE.Vector3().setFromMatrixPosition(start), { kind, axis } = hit.object.userData;
     const direction = kind === "ball" ? (planar ? up.clone() : ray.direction.clone().negate()) : new THREE.Vector3().setFromMatrixColumn(start, axis).normalize();
     const from = kind === "arrow" ? alongAxis(ray, direction, at) : onPlane(ray, direction, at);
-    if (from !== null) drag = { kind, start, at, direction, from, pointer: event.pointerId };
+    if (from === null) return;
+    drag = { kind, start, at, direction, from, pointer: event.pointerId };
+    watch(performance.now(), 0);
   }, true);
   pane.addEventListener("pointermove", (event) => {
     if (drag === null || event.pointerId !== drag.pointer) return;
@@ -163,6 +176,11 @@ function makeHandle(group, poseNow, moveTo) {
     pane.addEventListener(name, () => {
       drag = null;
       viewer.controls.enabled = true;
+      if (!sharpness) return;
+      viewer.renderer.setPixelRatio(sharpness);
+      viewer.renderer.shadowMap.autoUpdate = true;
+      sharpness = 0;
+      viewer.set_dirty();
     }, true);
   }
   return {

@@ -45,9 +45,11 @@ UNLIMITED = 1e6
 # largest speeds with each of them; first widely, then near the best ones.
 RATIOS = np.geomspace(0.2, 5.0, 9), np.geomspace(0.75, 1.33, 7)
 SPEED_SHARES = np.array([1.0, 0.8, 0.6, 0.4, 0.2]), np.geomspace(0.85, 1.18, 5)
-# Share of the largest speed of passing a linear move that is used between zones; the bend of the line then needs half
-# of the accelerations.
-PASSING = 0.7
+# Speeds at which a linear move is passed between zones, as shares of the largest that its bend permits there; the rest
+# of the accelerations is for changes of the speed.
+PASSING = (0.5, 0.7, 0.85, 0.97)
+# Equal parts of a linear move between which limits of its places are compared, and the samples in each.
+PLACES, IN_PLACE = 8, 16
 # Samples of the part of a linear move in a zone, whose joint accelerations are compared.
 IN_ZONE = 17
 # s: a move of a single point, and a piece of a motion.
@@ -118,46 +120,81 @@ class Profile:
         return shares, np.where((times < 0.0) | (times > self.duration), 0.0, rates)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Rates:
     """What the limits permit on a move, in shares of it per second (^2).
 
-    ``gain`` and ``loss`` are the accelerations from rest and to rest up to the speed ``top``; ``changing`` is that
-    from and to any other speed, which is at most ``passing`` if an end of the move is in a zone.
+    ``gain`` and ``loss`` are the accelerations from rest and to rest up to the speed ``top``. If an end of the move is
+    in a zone, one of several speeds is used (first axis): ``tops`` with the accelerations ``gains`` and ``losses`` have
+    one for each number of ``PLACES`` at the start and at the end of the move that are in zones. ``rests`` has, for each
+    speed, the acceleration from rest, that to rest, and the numbers of places in which it is reached from rest and
+    left to rest.
     """
 
     top: float
     gain: float
     loss: float
-    passing: float
-    changing: float
+    tops: Array
+    gains: Array
+    losses: Array
+    rests: Array
 
-    def speeds(self, first: Array, last: Array) -> tuple[Array, Array]:
-        """The speeds between zones, and the durations; ``first`` and ``last`` are rows of (speed, time) in zones.
+    @classmethod
+    def even(cls, top: float, gain: float) -> _Rates:
+        """The rates of a move whose joints keep the limits alike at all of its places."""
+        alike = np.full((1, 1, 1), gain)
+        return cls(top, gain, gain, np.full((1, 1, 1), top), alike, alike, np.array([[gain], [gain], [0.0], [0.0]]))
 
-        The results have a row for each row of ``first`` and a column for each of ``last``; impossible durations are
-        infinite.
-        """
+    def at_most(self, top: float, gain: float) -> _Rates:
+        """The rates with a stated speed and acceleration."""
+        gains, losses = np.minimum(self.gains, gain), np.minimum(self.losses, gain)
+        # With a lower acceleration a speed is reached later, at places where a limit may be lower
+        tops, rests = np.minimum(self.tops, top), self.rests.copy()
+        rests[:2] = np.minimum(rests[:2], gain)
+        if tops.shape[1] > 1 and gain < self.rests[:2].max():
+            rests[2:] = 0.0
+        return _Rates(min(self.top, top), min(self.gain, gain), min(self.loss, gain), tops, gains, losses, rests)
+
+    def _best(self, first: Array, last: Array) -> tuple[Array, Array, Array, Array]:
+        """The speeds between zones, the accelerations to and from them, and the durations, as for ``durations``."""
         (enter, entry), (leave, leaving) = first.T[:, :, None], last.T[:, None, :]
-        gain = np.where(enter > 0.0, self.changing, self.gain)
-        loss = np.where(leave > 0.0, self.changing, self.loss)
+        cells, level = self.tops.shape[1] - 1, np.arange(len(self.tops))[:, None, None]
+        rising, falling, reached, left_at = self.rests[:, :, None, None]
+        places = [
+            np.where(speed > 0.0, np.minimum(speed * time / 2.0, 1.0) * cells, rest).astype(int)
+            for speed, time, rest in ((enter, entry, reached), (leave, leaving, left_at))
+        ]
+        begin, end = np.broadcast_arrays(*places)
+        stops = (enter == 0.0) & (leave == 0.0)
+        top = np.where(stops, self.top, self.tops[level, begin, end])
+        gain = np.where(stops, self.gain, np.where(enter > 0.0, self.gains[level, begin, end], rising))
+        loss = np.where(stops, self.loss, np.where(leave > 0.0, self.losses[level, begin, end], falling))
         left = 1.0 - (enter * entry + leave * leaving) / 2.0
-        top = np.where((enter > 0.0) | (leave > 0.0), min(self.top, self.passing), self.top)
-        reached = (2.0 * left + enter**2 / gain + leave**2 / loss) / (1.0 / gain + 1.0 / loss)
-        peak = np.minimum(top, np.sqrt(np.maximum(reached, 0.0)))
+        most = (2.0 * left + enter**2 / gain + leave**2 / loss) / (1.0 / gain + 1.0 / loss)
+        peak = np.minimum(top, np.sqrt(np.maximum(most, 0.0)))
         ramps = (peak**2 - enter**2) / (2.0 * gain) + (peak**2 - leave**2) / (2.0 * loss)
         with np.errstate(divide="ignore", invalid="ignore"):
             cruise = np.maximum(left - ramps, 0.0) / peak
         seconds = entry + leaving + (peak - enter) / gain + (peak - leave) / loss + cruise
         possible = (left >= 0.0) & (peak > 0.0) & (peak >= np.maximum(enter, leave) - 1e-12)
-        return peak, np.where(possible, seconds, np.inf)
+        seconds = np.where(possible, seconds, np.inf)
+        best = seconds.argmin(axis=0)[None]
+        peak, gain, loss, seconds = (np.take_along_axis(each, best, axis=0)[0] for each in (peak, gain, loss, seconds))
+        return peak, gain, loss, seconds
+
+    def durations(self, first: Array, last: Array) -> Array:
+        """Seconds of the move; ``first`` and ``last`` are rows of (speed, time) in zones.
+
+        The result has a row for each row of ``first`` and a column for each of ``last``; impossible durations are
+        infinite.
+        """
+        return self._best(first, last)[3]
 
     def profile(self, first: Array, last: Array) -> Profile:
         """The profile between a row of (speed, time) in the zone at the start, and one at the end."""
-        ((peak,),), ((duration,),) = self.speeds(first[None], last[None])
+        ((peak,),), ((gain,),), ((loss,),), ((duration,),) = self._best(first[None], last[None])
         (enter, entry), (leave, leaving) = first, last
-        rising = (peak - enter) / (self.changing if enter > 0.0 else self.gain)
-        falling = (peak - leave) / (self.changing if leave > 0.0 else self.loss)
+        rising, falling = (peak - enter) / gain, (peak - leave) / loss
         times = np.array([0.0, entry, entry + rising, duration - leaving - falling, duration - leaving, duration])
         speeds, kept = np.array([0.0, enter, peak, peak, leave, 0.0]), np.append(np.diff(times) > 1e-12, True)
         kept[0] = True
@@ -178,38 +215,60 @@ def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
     if not np.ptp(path.q, axis=0).any():
-        gain = 4.0 / SHORTEST**2
-        return _Rates(2.0 / SHORTEST, gain, gain, np.inf, gain)
+        return _Rates.even(2.0 / SHORTEST, 4.0 / SHORTEST**2)
     if len(path.q) == 2:
         travel = np.maximum(np.abs(path.q[1] - path.q[0]), 1e-12)
-        gain = float((acceleration / travel).min())
-        return _Rates(float((velocity / travel).min()), gain, gain, np.inf, gain)
+        return _Rates.even(float((velocity / travel).min()), float((acceleration / travel).min()))
     # While it accelerates from rest at the rate g, the squared rate of the share s is 2 g s, so that a joint needs
     # g |q' + 2 s q''|; on the part up to s, g is at most the least of what the joints permit. The same holds from the
     # end backwards, where the slope has the other sign.
-    shares = np.linspace(0.0, 1.0, 2 * len(path.q) - 1)
+    shares = np.linspace(0.0, 1.0, PLACES * IN_PLACE + 1)
     slope, bend = (spline_of(path)(shares, order) for order in (1, 2))
     permitted = SAMPLED * acceleration
-    reached = []
-    for along, turned in ((slope, bend), (-slope[::-1], bend[::-1])):
+    # The squared speed that a place permits
+    cruise = (permitted / np.maximum(np.abs(bend), 1e-12)).min(axis=1)
+    cruise = np.minimum(cruise, (SAMPLED * velocity / np.maximum(np.abs(slope), 1e-12)).min(axis=1) ** 2)
+    reached, rising = list[Array](), list[Array]()
+    for along, turned, most in ((slope, bend, cruise), (-slope[::-1], bend[::-1], cruise[::-1])):
         rates = (permitted / np.maximum(np.abs(along + 2.0 * shares[:, None] * turned), 1e-12)).min(axis=1)
-        reached.append(2.0 * np.minimum.accumulate(rates) * shares)
-    # At the speed PASSING, the bend of the line needs a part of the accelerations; the rest is for changes of the speed
-    passing = PASSING * float(np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min()))
-    changing = float(((1.0 - PASSING**2) * permitted / np.maximum(np.abs(slope), 1e-12)).min())
-    cruise = np.sqrt((permitted / np.maximum(np.abs(bend), 1e-12)).min(axis=1))
-    tops = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
-    first, last = (np.searchsorted(np.maximum.accumulate(squares), tops**2) for squares in reached)
-    tops = tops[(first < len(shares)) & (last < len(shares))]
-    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, passing, changing), np.inf
-    for top, begin, left in zip(tops.tolist(), first.tolist(), last.tolist(), strict=False):
+        rates[1:] = np.minimum(rates[1:], most[1:] / (2.0 * shares[1:]))
+        rising.append(np.minimum.accumulate(rates))
+        reached.append(2.0 * rising[-1] * shares)
+    # Between zones: the largest speed on each part of the line, shares of it, and what they leave for changes of it
+    size, count = PLACES + 1, len(PASSING)
+    tops, gains, losses = (np.empty((count, size, size)) for _ in range(3))
+    for begin in range(size):
+        for end in range(size):
+            left, right = begin, PLACES - end
+            if right <= left:  # the zones meet
+                left, right = max(right - 1, 0), min(left + 1, PLACES)
+            part = slice(left * IN_PLACE, right * IN_PLACE + 1)
+            largest = float(np.sqrt(cruise[part].min()))
+            steep, needed = np.maximum(np.abs(slope[part]), 1e-12), np.sign(slope[part]) * bend[part]
+            for k, share in enumerate(PASSING):
+                tops[k, begin, end] = share * largest
+                used = tops[k, begin, end] ** 2 * needed
+                gains[k, begin, end] = ((permitted - np.maximum(used, 0.0)) / steep).min()
+                losses[k, begin, end] = ((permitted + np.minimum(used, 0.0)) / steep).min()
+    rests = np.empty((4, count))
+    for k, share in enumerate(PASSING):
+        for side, (squares, rates) in enumerate(zip(reached, rising, strict=True)):
+            at = np.searchsorted(np.maximum.accumulate(squares), share**2 * cruise.max())
+            rests[side, k] = rates[min(int(at), len(shares) - 1)]
+            rests[side + 2, k] = min(int(at) // IN_PLACE, PLACES)
+    own = tops, gains, losses, rests
+    speeds = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
+    first, last = (np.searchsorted(np.maximum.accumulate(squares), speeds**2) for squares in reached)
+    speeds = speeds[(first < len(shares)) & (last < len(shares))]
+    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, *own), np.inf
+    for top, begin, left in zip(speeds.tolist(), first.tolist(), last.tolist(), strict=False):
         end = len(shares) - 1 - left
-        if begin <= end and cruise[begin : end + 1].min() >= top:
+        if begin <= end and cruise[begin : end + 1].min() >= top**2:
             gain, loss = top**2 / (2.0 * float(shares[begin])), top**2 / (2.0 * (1.0 - float(shares[end])))
             peak = min(top, math.sqrt(2.0 / (1.0 / gain + 1.0 / loss)))
             seconds = 1.0 / peak + peak * (1.0 / gain + 1.0 / loss) / 2.0
             if seconds < shortest:
-                best, shortest = _Rates(top, gain, loss, passing, changing), seconds
+                best, shortest = _Rates(top, gain, loss, *own), seconds
     return best
 
 
@@ -250,10 +309,8 @@ def controller_motion(
     moves = list(moves)
     rates = [_rates(move.path, limits, move.speed) for move in moves]
     for k, (move, own) in enumerate(zip(moves, rates, strict=True)):
-        top, gain = (UNLIMITED if stated is None else stated for stated in (move.top, move.gain))
-        rates[k] = _Rates(
-            min(own.top, top), min(own.gain, gain), min(own.loss, gain), own.passing, min(own.changing, gain)
-        )
+        if (move.top, move.gain) != (None, None):
+            rates[k] = own.at_most(*(UNLIMITED if stated is None else stated for stated in (move.top, move.gain)))
     curves = [None if len(move.path.q) == 2 else spline_of(move.path) for move in moves]
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
 
@@ -320,7 +377,7 @@ def _zone_speeds(
     below = (falling[1] - ratio[:, None] * rising[0]) / acceleration
     change = np.maximum(np.maximum(above, below).max(axis=1), 1e-12)
     # While the speed changes linearly from or to 0, half of speed * time is passed
-    tops = [min(own.top, own.passing) for own in rates]
+    tops = [float(own.tops.max()) for own in rates]
     ratio = np.maximum(ratio, 1e-9)
     most = np.minimum(tops[0], tops[1] / ratio)
     most = np.minimum(most, np.minimum(np.sqrt(2.0 * before / change), np.sqrt(2.0 * behind / (ratio * change))))
@@ -333,7 +390,7 @@ def _shortest(rates: Sequence[_Rates], options: Sequence[Array]) -> list[Array]:
     rest = np.zeros((1, 5))
     before, cost, via = rest, np.zeros(1), list[Array]()
     for own, rows in zip(rates, [*options, rest], strict=True):
-        costs = cost[:, None] + own.speeds(before[:, [1, 2]], rows[:, [0, 2]])[1] - rows[:, 2]
+        costs = cost[:, None] + own.durations(before[:, [1, 2]], rows[:, [0, 2]]) - rows[:, 2]
         via.append(costs.argmin(axis=0))
         before, cost = rows, costs.min(axis=0)
     number, chosen = 0, list[Array]()

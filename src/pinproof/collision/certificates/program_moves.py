@@ -78,7 +78,9 @@ def zone_proven(
 ) -> bool:
     """Return whether a blend between two moves uses at most half of each, and is proven."""
     sides = (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False))
-    return max(side.shares(blend)[0] for side in sides) <= 0.5 and proven(*blend_cover(blend, arm, into, out))
+    if max(side.shares(blend)[0] for side in sides) > 0.5:
+        return False
+    return all(proven(*part) for part in blend_cover(blend, arm, into, out))
 
 
 def timed_step(
@@ -192,7 +194,9 @@ class _MovesSearch:
             first = bisect_left(
                 numbers,
                 True,
-                key=lambda k: not proven or self._proven(*blend_cover(self._zones[k], self._arm, into, out)),
+                key=lambda k: (
+                    not proven or all(self._proven(*part) for part in blend_cover(self._zones[k], self._arm, into, out))
+                ),
             )
             self._corners[key] = numbers[first] if first < len(numbers) else len(self._zones)
         return self._corners[key]

@@ -81,9 +81,8 @@ def executed_parts(program: RobotProgram, arm: Arm, traces: Mapping[int, LineTra
         yield ExecutedPart(f"{what} at line {at.line}", at.line, False, path, even + tolerance)
     for (at, into, wide), (_, out, wider) in pairwise(moves[1:]):
         if isinstance(at, JointMove | LinearMove) and at.blend is not None:
-            cover, extent = blend_cover(at.blend, arm, into, out)
-            name = f"blend at line {at.line}"
-            yield ExecutedPart(name, at.line, True, cover, extent + even + wide + wider)
+            for cover, extent in blend_cover(at.blend, arm, into, out):
+                yield ExecutedPart(f"blend at line {at.line}", at.line, True, cover, extent + even + wide + wider)
 
 
 def move_paths(program: RobotProgram, traces: Mapping[int, LineTrace]) -> list[tuple[Step, JointPath, float]]:
@@ -210,17 +209,17 @@ def zone_shares(blend: Blend, arm: Arm, q: Array) -> tuple[float, float]:
     return ZoneSide(arm, q).shares(blend)
 
 
-def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tuple[JointPath, Array]:
-    """Return a curve and a tolerance (n,) in each joint, which cover what a blend between two moves may execute.
+def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> list[tuple[JointPath, Array]]:
+    """Return curves, each with a tolerance (n,) in each joint, which cover what a blend between two moves may execute.
 
     Let a and b be the changes of the joint values from the point to configurations on the two moves within the blend.
     While both moves are superposed, the arm is at the point changed by a + b for some of them, whatever their speeds
-    are; parabolas and arcs between joint moves lie there too. The curve leads through rows of this surface, and the
-    tolerance contains half of the distance of two rows, ``OTHER_CURVES`` of the largest changes if both sides were as
-    short as the shorter one, by which a curve may leave the longer one, and ``CARTESIAN`` times the largest difference
-    from a superposition of the poses of the tcp. Where these poses cannot be solved, each joint may deviate from the
-    surface by its largest change between joint moves, which controllers blend in joint space, and by any angle beside a
-    linear move.
+    are; parabolas and arcs between joint moves lie there too. The curves are rows of this surface, and the tolerance of
+    a row contains half of the distance of two rows, ``OTHER_CURVES`` of the largest changes if both sides were as short
+    as the shorter one, by which a curve may leave the longer one, and ``CARTESIAN`` times the largest difference of the
+    row from a superposition of the poses of the tcp. Where these poses cannot be solved, each joint may deviate from
+    the surface by its largest change between joint moves, which controllers blend in joint space, and by any angle
+    beside a linear move.
     """
     point, sides = into.end, list[Array]()
     for side in (zone_side(arm, into, at_end=True), zone_side(arm, out, at_end=False)):
@@ -231,7 +230,7 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
         lengths = np.linalg.norm(ends - point, axis=1)
         beside = np.abs(lengths[::-1] @ ends / max(float(lengths.sum()), 1e-12) - point).max()
         if beside <= ONE_LINE:
-            return JointPath(ends, into.joint_names), np.full(len(point), 2.0 * beside + ROUNDED)
+            return [(JointPath(ends, into.joint_names), np.full(len(point), 2.0 * beside + ROUNDED))]
     one, other = sorted(sides, key=lambda side: float(np.abs(side).max()))
     # Rows along the larger side, at some changes of the smaller one
     at, along = (np.unique(np.linspace(0, len(side) - 1, ROWS + 1).round().astype(int)) for side in (one, other))
@@ -242,12 +241,15 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
     between += 0.5 * (
         np.abs(np.diff(one, axis=0)).max(axis=0, initial=0.0) + np.abs(np.diff(other, axis=0)).max(axis=0)
     )
-    rows = [point + one[row] + other[along[:: 1 - 2 * (k % 2)]] for k, row in enumerate(at)]
-    # Superposed poses of the tcp, for shares of both sides that add up to at most 1
-    here, apart = arm.forward_kinematics(point), np.zeros(arm.dof)
-    solvable = arm.dof >= 6 and arm.angular[-6:].all()
+    rows = [JointPath(point + one[row] + other[along], into.joint_names) for row in at]
+    # Superposed poses of the tcp, for shares of both sides that add up to at most 1; the difference of joint values is
+    # nearly proportional to the product of both shares, u (1 - u) in a row
+    here, apart, strips = arm.forward_kinematics(point), np.zeros(arm.dof), len(at) - 1
+    inner = np.clip(0.5, *((np.arange(strips + 1)[:, None] + [-0.5, 0.5]) / strips).T)
+    most, solvable = inner * (1.0 - inner), arm.dof >= 6 and arm.angular[-6:].all()
     for shares in SUPERPOSED:
-        changes = [side[round(share * (len(side) - 1))] for side, share in zip(sides, shares, strict=True)]
+        used = [max(round(share * (len(side) - 1)), 1) for side, share in zip(sides, shares, strict=True)]
+        changes = [side[k] for side, k in zip(sides, used, strict=True)]
         joined = point + changes[0] + changes[1]
         ends = [arm.forward_kinematics(point + change) for change in changes]
         turn = pin.log3(here.rotation.T @ ends[0].rotation) + pin.log3(here.rotation.T @ ends[1].rotation)
@@ -256,9 +258,10 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> tupl
         q, _, reason = solve_poses(arm, joined, [pose]) if solvable else (np.zeros(0), 0, "unknown")
         if reason:
             linear = len(into.q) > 2 or len(out.q) > 2
-            apart = np.where(arm.angular, np.pi, extent) if linear else extent
+            apart, most = np.where(arm.angular, np.pi, extent) if linear else extent, np.ones(strips + 1)
             break
-        apart = np.maximum(apart, CARTESIAN * np.abs(q[0] - joined))
+        product = used[0] * used[1] / ((len(sides[0]) - 1) * (len(sides[1]) - 1))
+        apart = np.maximum(apart, CARTESIAN * np.abs(q[0] - joined) / product)
     short, long = (np.abs(side).max(axis=0) for side in (one, other))
     widened = OTHER_CURVES * np.maximum(short, long * (short.max() / max(float(long.max()), 1e-12)))
-    return JointPath(np.concatenate(rows), into.joint_names), between + widened + apart
+    return [(row, between + widened + share * apart) for row, share in zip(rows, most, strict=True)]

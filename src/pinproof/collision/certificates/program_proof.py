@@ -137,14 +137,15 @@ class ProgramCertificate(Answer):
     def message(self) -> str:
         """The result in one sentence; it names the first part that is not free."""
         if self.free:
-            blends = sum(part.blend for part in self.parts)
-            parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
+            blends = {part.line for part in self.parts if part.blend}  # a blend has several parts
+            parts = [(sum(not part.blend for part in self.parts), "motion"), (len(blends), "blend")]
             words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
             return f"FREE: {words} of the program proven, clearance {proven_millimetres(self.clearance)}"
         if self.status is CertificateStatus.UNDECIDED and self.untraced:
             return f"UNDECIDED: {self.untraced[0]}"
         # The first part that explains the status, or else what was found beside the parts.
-        part = next((each for each in self.parts if each.certificate.status is self.status), None)
+        own = [each for each in self.parts if each.certificate.status is self.status]
+        part = next((each for each in own if each.certificate.first_contact), next(iter(own), None))
         if part is None and self.status is CertificateStatus.UNDECIDED and self.outputs:
             return (
                 f"UNDECIDED: line {self.outputs[0]} switches an output, and what the gripper then holds is not stated; "

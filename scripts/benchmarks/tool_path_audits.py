@@ -246,6 +246,9 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
         return bool(alive.any()), tried, None
     piece = plan.pieces[0]
     own = np.column_stack([np.interp(where, piece.poses, column) for column in piece.q.T])
+    # Between its rungs and where it rounds corners, the motion is not at these poses, which those of the tries are
+    task = IkTask() if free is False else IkTask(rz=False)
+    own = pp.Clik(restarts=0).solve_batch(arm, poses, own, task=task).q
     return True, tried, cost(arm, path, free, where, poses, own)
 
 

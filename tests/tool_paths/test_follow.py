@@ -13,7 +13,7 @@ from pinproof.motion import CubicPath
 from pinproof.planning import Route
 from pinproof.tool_paths import FollowCosts, FollowPlan, FollowStatus, Obstruction, PathPiece, ToolPath, following
 from pinproof.tool_paths.curves import CurveMaker
-from pinproof.tool_paths.search import SPIN
+from pinproof.tool_paths.search import SPIN, Search
 
 UP = (0.0, 0.0, 1.0)
 LINE = np.column_stack([np.full(7, 0.4), np.linspace(-0.3, 0.3, 7), np.full(7, 0.2)])
@@ -49,13 +49,33 @@ def test_random_paths_pass_an_independent_dense_check(name):
     assert found
 
 
-@pytest.mark.parametrize(("name", "seed"), [("ur5", 27), ("ur5", 28), ("panda", 55), ("panda", 57), ("panda", 40)])
+@pytest.mark.parametrize(("name", "seed"), [("panda", 139), ("panda", 194), ("irb120", 148)])
+def test_what_is_blocked_on_the_grid_is_followed_between_its_values_or_its_poses(monkeypatch, name, seed):
+    checker, path, settings = random_problem(name, np.random.default_rng(seed))
+    plan = pp.follow(checker, path, **settings).or_raise()
+    assert wrong(plan, settings) == []
+    assert plan.cuts == ()
+    monkeypatch.setattr(Search, "finer", lambda *_: None)
+    assert not pp.follow(checker, path, **settings).ok
+
+
+def test_poses_out_of_reach_are_the_answer_before_the_budget_is_used_up():
+    checker, path, settings = random_problem("panda", np.random.default_rng(107))
+    plan = pp.follow(checker, path, **settings)
+    assert (plan.status, plan.blocked[0].obstruction) == (FollowStatus.BLOCKED, Obstruction.OUT_OF_REACH)
+    assert plan.blocked[0].pose < 0.0  # the approach
+    assert plan.rungs < 61 + 200  # the budget
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), [("ur5", 27), ("ur5", 28), ("panda", 55), ("panda", 57), ("panda", 40), ("panda", 154)]
+)
 def test_no_motion_from_a_random_start_costs_less(name, seed):
     """The optimum is between the values of the grid, near another sequence, or at a joint limit."""
     checker, path, settings = random_problem(name, np.random.default_rng(seed))
     plan = pp.follow(checker, path, **settings).or_raise()
     _, least, own = best_of_tries(checker, path, settings, plan, np.random.default_rng([seed, 1]))
-    assert own <= least * (1.0 + 1e-6)
+    assert own <= least * (1.0 + 5e-4)  # it is not at the places of the tries at its rounded corners
     assert wrong(plan, settings) == []
 
 
@@ -422,12 +442,15 @@ def test_an_arm_on_a_rail_follows_a_path_longer_than_its_reach():
 
 
 def test_a_joint_stays_within_a_fifth_of_its_stated_values_between_the_poses_too():
-    zigzag = np.column_stack([0.61 + 0.15 * (np.arange(6) % 2), 0.32 + np.linspace(0.0, 0.19, 6), np.full(6, 0.2)])
+    zigzag = np.column_stack([0.61 + 0.15 * (np.arange(6) % 2), 0.25 + np.linspace(0.0, 0.19, 6), np.full(6, 0.2)])
     path, settings = ToolPath.through(zigzag, UP, speed=0.3), {"redundant": {"rail": [0.0]}, "deviation": 2e-4}
     plan = pp.follow(pp.CollisionChecker(on_rail()), path, rotations=6, **settings).or_raise()
     assert wrong(plan, CHECKED | settings) == []
     rail = np.abs(plan.trajectory(np.linspace(0.0, plan.duration, 3000))[:, 0]).max()
     assert 0.19 < rail < 0.2 + 1e-6
+    # From a start farther outside, the first step is a jump
+    far = pp.follow(plan.checker, path, rotations=6, start=[0.3, *plan.pieces[0].q[0][1:]], **settings)
+    assert (far.status, far.blocked[0].obstruction) == (FollowStatus.BLOCKED, Obstruction.JUMP)
 
 
 FIVE = """<link name="burner"/><joint name="burner" type="fixed"><parent link="wrist_2_link"/><child link="burner"/>

@@ -221,7 +221,7 @@ def test_the_optimum_over_a_turntable_equals_that_of_all_sequences(small):
         places = seam(rng.uniform(0.1, 0.6), int(rng.integers(2, 5))).transformed(
             pp.pose(rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.4, 0.4, 3))
         ).poses  # fmt: skip
-        grid = Grid(np.linspace(0.0, 2.0, 3), np.eye(3)[None], None, rng.uniform(1.6, 2.9, (3, 1)))
+        grid = Grid(np.linspace(0.0, 2.0, 3), np.eye(3)[None], others=(rng.uniform(1.6, 2.9, 3),))
         costs = FollowCosts(time=rng.uniform(0, 2), travel=rng.uniform(0, 2), effort=rng.uniform(0, 2))
         settings = LadderSettings(costs, rng.uniform(0.2, 1.5), 0.5, np.full(7, rng.uniform(0.05, 0.6)))
         durations = rng.uniform(0.2, 2.0, len(places) - 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -106,7 +105,8 @@ def follow(
         Length (m) of straight moves along the tool axis to the first pose and away from the last one; by default, the
         departure is as long as the approach.
     start
-        (n,) the configuration from which a straight line leads to the first pose, instead of an approach.
+        (n,) the configuration from which a straight line leads to the first pose, instead of an approach. Joints that
+        are more than 0.2 outside the range that ``redundant`` states would jump.
     avoid
         (k, n) configurations, such as the starts of other motions along the path: the motion does not start within
         1 rad and 0.1 m of one of them in every joint, multiples of a revolution apart.
@@ -194,10 +194,10 @@ def follow(
     angles = angles if path_arm.spun is None else np.zeros(1)
     around = 2.0 * np.pi * np.arange(tilts) / max(tilts, 1)
     leans = [rotation_about(np.array([np.cos(a), np.sin(a), 0.0]), 0.5 * rotation_deviation) for a in around]
-    joints, axes, values, external = tuple[int, ...](), list[Array](), None, None
+    joints, values, others = tuple[int, ...](), tuple[Array, ...](), tuple[Array, ...]()
     with contextlib.suppress(NoClosedForm):
-        joints, axes, values, external = redundant_axes(path_arm, redundant)
-    grid = Grid(angles, np.array([np.eye(3), *leans]), values, external, path_arm.spun is not None)
+        joints, values, others = redundant_axes(path_arm, redundant)
+    grid, axes = Grid(angles, np.array([np.eye(3), *leans]), values, others, path_arm.spun is not None), values + others
     # The least time of a step: the slowest joint makes a step of the grid
     speed = np.where(np.isfinite(own.limits.velocity), own.limits.velocity, 1.0)
     jump = np.where(own.angular, JUMP, JUMP_METRES)
@@ -224,7 +224,13 @@ def follow(
         avoided=finite("avoid", np.empty((0, own.dof)) if avoid is None else avoid, (None, own.dof)),
         start=None if start is None else own.limits.snap(own.configuration(start, "start")),
     )  # fmt: skip
-    return _result(search, speed_tolerance, lifts)
+    found = _result(search, speed_tolerance, lifts)
+    # What no value of the grid passes may be possible between them
+    if (found.blocked or found.cuts) and (finer := search.finer(found.blocked)) is not None:
+        other = _result(finer, speed_tolerance, lifts)
+        if other.ok and (not found.ok or len(other.cuts) < len(found.cuts)):
+            return other
+    return found
 
 
 def _result(search: Search, speed_tolerance: float | None, lifts: int) -> FollowPlan:
@@ -242,8 +248,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
                 timed[number] = timed_along(search.arm, group, tolerance) if group else None
             except (TimingError, InputError) as error:
                 if not search.stops:  # once more, with stops at sharp corners, whose roundings bend too sharply
-                    fresh: dict[str, Any] = {"routes": [], "rungs": [], "extended": [], "refined": 0, "removed": 0}
-                    return _result(replace(search, stops=True, **fresh), speed_tolerance, lifts)
+                    return _result(search.again(stops=True), speed_tolerance, lifts)
                 untimed = str(error)
         named = zip(PARTS, timed, strict=True)
         parts.append([(name, part.trajectory) for name, part in named if part is not None])
@@ -255,7 +260,7 @@ def _result(search: Search, speed_tolerance: float | None, lifts: int) -> Follow
         "nodes": sum(len(rung.rates) for rung in search.rungs), "removed": search.removed, "rungs": len(search.rungs),
     }  # fmt: skip
     # Poses that no configuration can pass, more lifts than permitted, or no motion
-    if search.exhausted:
+    if search.exhausted and not blocked:
         message = f"the budget of {search.budget} refinements was used up, the last for: {search.unproven}"
         return FollowPlan(FollowStatus.NOT_PROVEN, message, **figures)
     if blocked:

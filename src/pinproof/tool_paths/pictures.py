@@ -147,7 +147,7 @@ def rotation_strip(
     turns = Grid(angles, np.eye(3)[None]).turns
     rungs = [Rung(0, 0.0, pose @ turn, where) for where, pose in zip(at.tolist(), poses, strict=True) for turn in turns]
     path_arm = PathArm.of(checker.group) if plan is None else plan.path_arm
-    alone = Grid(np.zeros(1), np.eye(3)[None], *redundant_axes(path_arm, REDUNDANT)[2:])
+    alone = Grid(np.zeros(1), np.eye(3)[None], *redundant_axes(path_arm, REDUNDANT)[1:])
     fill(rungs, checker, path_arm, alone, IkTask(), FollowCosts(), 0)
     codes = [0 if len(rung.rates) else 1 if len(rung.q) else 2 if rung.outside else 3 for rung in rungs]
     # The rotation of the motion

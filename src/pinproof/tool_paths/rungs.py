@@ -195,16 +195,42 @@ class Grid:
     """The values over which the nodes of a rung are computed.
 
     ``rotations`` (k,) are angles (rad) about the axis of the tool, ``tilts`` (m, 3, 3) rotations of the tool that come
-    before, and ``redundant`` (v,) values of the redundant joint of the solved arm, (v, 2) of two joints, None for an
-    arm without one. ``external`` (e, j) are values of its external joints. ``any_rotation`` states that an arm with a
-    virtual joint about the axis of the tool is solved at all rotations, of which ``rotations`` then has one.
+    before, ``own`` the values of each redundant joint of the solved arm, and ``others`` those of each external joint.
+    ``any_rotation`` states that an arm with a virtual joint about the axis of the tool is solved at all rotations, of
+    which ``rotations`` then has one.
     """
 
     rotations: Array
     tilts: Array
-    redundant: Array | None = None
-    external: Array | None = None
+    own: tuple[Array, ...] = ()
+    others: tuple[Array, ...] = ()
     any_rotation: bool = False
+
+    @cached_property
+    def redundant(self) -> Array | None:
+        """(v,) values of the redundant joint of the solved arm, (v, 2) of two joints, None for an arm without one."""
+        return self.own[0] if len(self.own) == 1 else _combined(self.own)
+
+    @cached_property
+    def external(self) -> Array | None:
+        """(e, j) values of the external joints."""
+        return _combined(self.others)
+
+    def finer(self) -> Grid | None:
+        """The grid with the middles between its values too; None if it has none, or too many combinations of them."""
+
+        def halved(values: Array) -> Array:
+            return np.union1d(values, 0.5 * (values[1:] + values[:-1]))
+
+        count = len(self.rotations)
+        around = np.append(self.rotations, self.rotations[:1] + TURN)
+        closed = count > 1 and np.ptp(np.diff(around)) < AT_END  # over a full revolution
+        rotations = halved(around)[:-1] if closed else halved(self.rotations)
+        own, others = tuple(map(halved, self.own)), tuple(map(halved, self.others))
+        values = math.prod(map(len, (*own, *others)))
+        if values > MOST_VALUES or len(rotations) * values == count * math.prod(map(len, (*self.own, *self.others))):
+            return None
+        return replace(self, rotations=rotations, own=own, others=others)
 
     @cached_property
     def turns(self) -> Array:
@@ -218,8 +244,8 @@ class Grid:
 
 def redundant_axes(
     path_arm: PathArm, values: int | Mapping[str, npt.ArrayLike]
-) -> tuple[tuple[int, ...], list[Array], Array | None, Array | None]:
-    """The redundant and external joints, the values of each, and all combinations as :class:`Grid` has them.
+) -> tuple[tuple[int, ...], tuple[Array, ...], tuple[Array, ...]]:
+    """The redundant and external joints, and the values of each, as :class:`Grid` has them.
 
     ``values`` is their number, or the values of joints by name. By default, those of a joint are evenly over its
     limits, and over one revolution if it can rotate by more.
@@ -260,9 +286,12 @@ def redundant_axes(
             f"the joints {', '.join(names)} have {combinations:,} combinations of values, and at most {MOST_VALUES:,} "
             "are compared; state fewer values with redundant, or hold some of the joints"
         )
-    inner, outer = axes[: len(own)], axes[len(own) :]
-    redundant = inner[0] if len(inner) == 1 else np.array(list(product(*inner))) if inner else None
-    return joints, axes, redundant, np.array(list(product(*outer))) if outer else None
+    return joints, tuple(axes[: len(own)]), tuple(axes[len(own) :])
+
+
+def _combined(axes: tuple[Array, ...]) -> Array | None:
+    """(v, k) all combinations of the values of k axes, None without one."""
+    return np.array(list(product(*axes))) if axes else None
 
 
 @dataclass(eq=False)

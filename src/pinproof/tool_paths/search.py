@@ -13,9 +13,11 @@ pieces: a piece that begins later reaches no farther.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement, groupby, pairwise, product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,7 +32,7 @@ from pinproof.spatial import SE3, Array, matrix, pose
 from pinproof.tool_paths.curves import CurveMaker, NoCurve, RouteCurve
 from pinproof.tool_paths.path import SAME_POSITION, ToolPath
 from pinproof.tool_paths.reasons import blocked_rungs, jump, obstruction, smallest_step
-from pinproof.tool_paths.result import BlockedPose
+from pinproof.tool_paths.result import BlockedPose, Obstruction
 from pinproof.tool_paths.rungs import (
     Course,
     Flags,
@@ -62,7 +64,7 @@ SHARP = 0.5
 NOMINAL, NOMINAL_ROTATION = 0.25, 1.0
 # Number of configurations that are moved from rung to rung where the grid ends, over how many rungs, and the accuracy
 # (m and rad) of their poses; and the number of random ones at the first rung.
-MOVED, EXTENDED, EXACT, SAMPLED = 48, 40, 1e-9, 20
+MOVED, EXTENDED, EXACT, SAMPLED = 96, 40, 1e-9, 60
 # Rounds in which finer values around the optimum are compared, and the shares by which a round must improve the cost to
 # be repeated with values of the same size, and for there to be another one.
 ROUNDS, IMPROVED, ENOUGH = 12, 0.01, 1e-4
@@ -77,11 +79,15 @@ NEAR, NEAR_METRES = 1.0, 0.1
 MOST_SIDES = 3
 # rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
 FARTHEST = 2.0
+# Largest number of refinements of the parts of a path that cannot be passed as a whole.
+HOPELESS = 20
 # Shares of the step to the least quadratic cost that are compared, its largest size (rad or m), and the least share of
 # its speed with which a joint counts.
 EVEN, FARTHEST_EVEN, SLOW = np.array([1.0, 0.5, 0.2]), 0.5, 1e-3
 # Largest number of times that joints which would leave their limits are held, and how far (rad or m) inside of them.
 LEAVING, INSIDE = 4, 2e-3
+# Largest number of poses without a node at which a finer grid is compared first, and its distance of poses as a share.
+SCREENED, CLOSER = 8, 0.25
 # Length of the window over which steps are smoothed, in steps of the grid.
 WINDOW = 2.0
 
@@ -147,11 +153,14 @@ class Search:
         self._make_rungs()
         pieces: list[FollowedPiece] = []
         blocked: list[BlockedPose] = []
-        at, names = 0, self.path.names
+        at = 0
+        if not all(len(rung.rates) for rung in self.rungs):
+            self.budget = min(self.budget, HOPELESS)
         while True:
             piece = self._piece(at)
             last = len(self.rungs) - 1  # rungs may have been added
-            if self.exhausted:
+            if self.exhausted:  # the poses that cannot be passed are the answer, whatever is possible between them
+                blocked += self._blocked(self.rungs[at:])
                 break
             if piece is not None and (piece.last > at or last == 0):
                 pieces.append(piece)
@@ -161,18 +170,41 @@ class Search:
             # The next rung with nodes: the tool is lifted, or a part of the path cannot be done
             following = next((k for k in range(end + 1, last + 1) if len(self.rungs[k].rates)), None)
             if piece is None or following != end + 1:
-                gap = self.rungs[end if piece is None else end + 1 : last + 1 if following is None else following]
-                empty = [rung for rung in gap if not len(rung.rates)]
-                turns = 0 if self.grid.any_rotation else len(self.grid.turns)
-                blocked += [
-                    blocked_rungs(self.checker, list(rows), turns, names) for _, rows in groupby(empty, obstruction)
-                ]
+                blocked += self._blocked(
+                    self.rungs[end if piece is None else end + 1 : last + 1 if following is None else following]
+                )
             elif end == at:
                 blocked.append(self.jump(piece))
             if following is None:
                 break
             at = end if following == end + 1 and end > at else following
         return pieces, blocked
+
+    def again(self, **changed: Any) -> Search:
+        """The search before its run, with other settings."""
+        return replace(self, routes=[], rungs=[], extended=[], refined=0, removed=0, exhausted=False, **changed)
+
+    def finer(self, blocked: Sequence[BlockedPose]) -> Search | None:
+        """The search on a finer grid: of more values if poses are blocked, and of more poses if every step is a jump.
+
+        None if the poses without a node have none there either.
+        """
+        if all(each.obstruction is Obstruction.JUMP for each in blocked):
+            return self.again(spacing=(CLOSER * self.spacing[0], CLOSER * self.spacing[1]))
+        empty = [replace(rung) for rung in self.rungs if not len(rung.rates)]
+        if (grid := self.grid.finer()) is None or any(rung.given or rung.avoided for rung in empty):
+            return None
+        finer, shown = self.again(grid=grid), empty[:: 1 + len(empty) // SCREENED]
+        finer._fill(shown)
+        return finer if all(len(rung.rates) for rung in shown) else None
+
+    def _blocked(self, rungs: list[Rung]) -> list[BlockedPose]:
+        """Why those of consecutive rungs that have no nodes cannot be passed."""
+        turns = 0 if self.grid.any_rotation else len(self.grid.turns)
+        kinds = groupby(rungs, lambda rung: None if len(rung.rates) else obstruction(rung))
+        return [
+            blocked_rungs(self.checker, list(rows), turns, self.path.names) for kind, rows in kinds if kind is not None
+        ]
 
     def jump(self, piece: FollowedPiece) -> BlockedPose:
         """Why no node of the next rung is within reach of the last rung of a piece."""
@@ -311,8 +343,9 @@ class Search:
             if last < len(self.rungs) - 1 and self._continue(last, course.reachable):
                 continue
             # The optimum over finer values may be close to another sequence than that over the grid: that one first.
-            # With finer values; without smoothing if the curve fails; without finer values where it does; without any
-            index, attempts = first, ATTEMPTS if self.refined < ATTEMPTS else 1
+            # With smoothing; without it if the curve fails; without finer values where it does
+            failed, attempts = (first, ""), ATTEMPTS if self.refined < ATTEMPTS else 1
+            widths = (WINDOW, 0.0) if self.settings.steps > 0.0 else (0.0,)
             courses = (course, *(course.others if attempts > 1 else ()))
             kept = np.zeros(len(course.nodes), dtype=bool)
             coarse = [self._polished(first, own, kept, COMPARED) for own in courses]
@@ -321,16 +354,15 @@ class Search:
                 kept[:] = False
                 for attempt in range(attempts):
                     polished = self._polished(first, courses[own] if attempt else start, kept)
-                    for width in (WINDOW, 0.0) if polished is not course else ():
+                    for width in widths:
                         made = self._curves(first, polished, width, course.cost)
                         if isinstance(made, FollowedPiece):
                             return made
+                        failed = made
                         kept[max(made[0] - first - KEPT, 0) : made[0] - first + KEPT + 2] = True
-            for width in (WINDOW, 0.0) if polished is course and self.settings.steps > 0.0 else (0.0,):
-                made = self._curves(first, course, width, course.cost)
-                if isinstance(made, FollowedPiece):
-                    return made
-                index, self.unproven = made
+                    if polished is courses[own]:  # there are no finer values
+                        break
+            index, self.unproven = failed
             if self.refined >= self.budget:
                 self.exhausted = True
                 return None

@@ -75,7 +75,9 @@ def read_rapid(text: str) -> list[Step]:
             steps.append(Move(np.deg2rad(floats(m[1])), "MoveL" in line, m[3] and float(m[3]), radius=radius))
         elif m := re.match(r"\s*WaitTime ([\d.]+);$", line):
             steps.append(float(m[1]))
-        elif not re.match(r"\s*(!.*|(END)?(MODULE|PROC)\b.*|LOCAL PERS .*|SetDO .*|GripLoad .*|)$", line):
+        elif not re.match(
+            r"\s*(!.*|(END)?(MODULE|PROC)\b.*|LOCAL PERS .*|AccSet 100, 100;|SetDO .*|GripLoad .*|)$", line
+        ):
             raise ValueError(line)
     return steps
 

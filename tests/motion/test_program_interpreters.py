@@ -280,6 +280,8 @@ def run_rapid(text: str) -> Executed:
             output = words.next()
             words.next(",")
             done.append(("output", output, words.next("0", "1") == "1"))
+        elif called == "accset":
+            words.skip("100", ",", "100")
         elif called in ("moveabsj", "movel"):
             straight = called == "movel"
             if straight:

@@ -714,6 +714,25 @@ def test_a_stated_acceleration_is_compared_with_the_limits(acceleration, free):
         assert any("acceleration" in each for each in certificate.outside_limits) == (not free)
 
 
+@pytest.mark.parametrize(
+    ("dialect", "old", "new"),
+    [
+        ("rapid", "AccSet 100, 100;", "AccSet 50, 100;"),
+        ("rapid", "AccSet 100, 100;", "AccSet 150, 150;"),
+        ("rapid", "    AccSet 100, 100;\n", ""),
+        ("rapid", "  ENDPROC", "    PathAccLim TRUE \\AccMax:=1, FALSE;\n  ENDPROC"),
+        ("fanuc", " FINE ;", " FINE ACC50 ;"),
+        ("fanuc", " FINE ;", " FINE ACC150 ;"),
+    ],
+)
+def test_other_accelerations_than_the_usual_ones_are_refused(dialect, old, new):
+    """Per cents of values that no manual states, so that no motion could be proven with them."""
+    text = full_text(dialect)
+    assert old in text
+    with pytest.raises(TrajectoryError):
+        RobotProgram.parse(text.replace(old, new), dialect=dialect, allow_changes=True)
+
+
 @every_language
 def test_every_edited_line_of_a_complete_program_is_noticed(dialect):
     lines = full_text(dialect).rstrip("\n").split("\n")

@@ -145,11 +145,12 @@ class _MovesSearch:
         language: Dialect,
         proven: Callable[[JointPath, Array], bool],
         lines: tuple[Sequence[EndLine], Sequence[EndLine]],
+        spare: int,
     ) -> None:
         self._arm, self._zones, self._proven, self._common = arm, language.zones, proven, language.common_zone
         self._leaving, self._entering = lines
         # Points with which a pick has at most 12 moves, from home to the grasp, to the release, and back
-        self.most = 2 + bool(lines[0]) + bool(lines[1]) if any(lines) else FEW_MOVES
+        self.most = (2 + bool(lines[0]) + bool(lines[1]) if any(lines) else FEW_MOVES) + spare
         self._paths = dict[tuple[bytes, bytes], JointPath]()
         self._known = dict[JointPath, bool]()
         self._sides = dict[tuple[JointPath, bool], list[tuple[float, float]]]()
@@ -327,16 +328,18 @@ def blended_moves(
     *,
     lines: tuple[Sequence[EndLine], Sequence[EndLine]] = ((), ()),
     enough: float = 0.0,
+    spare: int = 0,
 ) -> BlendedMoves | None:
     """Return few joint moves through some of the points (k, n), with the largest zones between them, all proven.
 
     The moves may begin with one of ``lines[0]`` and end with one of ``lines[1]``, in place of the first and of the last
     point. None if no moves are proven. The fastest moves with stops are changed until they take at most ``enough``
-    seconds, or no change that is compared saves time: other lines, other corners, more or fewer of them.
+    seconds, or no change that is compared saves time: other lines, other corners, more or fewer of them. ``spare`` is
+    the number of moves that may be added beside the usual ones, which the moves before have not used.
     """
     if len(points) <= SAMPLES[0]:
         points = with_corners(points, arm.limits)
-    search = _MovesSearch(arm, language, proven, lines)
+    search = _MovesSearch(arm, language, proven, lines, spare)
     choice = search.first(points)
     best = None if choice is None else search.made(choice)
     if choice is None or best is None:

@@ -1,4 +1,4 @@
-"""RAPID of ABB: ``MoveAbsJ``, ``MoveL``, tool, work object and load data, ``SetDO``, ``WaitDI`` and ``WaitTime``."""
+"""RAPID of ABB: ``MoveAbsJ``, ``MoveL``, ``AccSet``, tool, work object and load data, ``SetDO`` and waiting."""
 
 from __future__ import annotations
 
@@ -46,7 +46,9 @@ LEAST_MASS = 0.001
 # The text of a load: its mass and its centre of mass in millimetres.
 LOAD = "[#,[#,#,#],[1,0,0,0],0,0,0]"
 # The order of the declarations.
-TOOL, OBJECT, LOADS, ROUTINE, FLAG = range(5)
+TOOL, OBJECT, LOADS, ROUTINE, FLAG, USUAL = range(6)
+# A routine that ran before may have set other accelerations; durations and limits are judged with the usual ones.
+ACCELERATIONS = "AccSet 100, 100;"
 
 
 class Rapid(Dialect):
@@ -62,7 +64,7 @@ class Rapid(Dialect):
     deviation = 0.002
     signals, signal_kind = NAME, "names, such as do_gripper or di_part"
     remark = ("! ", "")
-    required = (ROUTINE,)
+    required = (ROUTINE, USUAL)
     indent = "    "
     call = "@;"
     hint = "; set points need EGM"
@@ -83,7 +85,7 @@ class Rapid(Dialect):
         declared = [each for each in (heading.tool, heading.frame) if each is not None]
         loads = [LoadData(number, payload) for number, payload in enumerate(heading.loads, 1)]
         flag = ["    VAR bool timed_out;"] if any(isinstance(step, CheckInput) for step in steps) else []
-        return [*declared, *loads, f"  PROC {heading.name}()", *flag, *steps]
+        return [*declared, *loads, f"  PROC {heading.name}()", *flag, f"    {ACCELERATIONS}", *steps]
 
     def completed(self, source: str, items: Sequence[Any]) -> list[Step]:
         """See :meth:`Dialect.completed`."""
@@ -165,6 +167,7 @@ class Rapid(Dialect):
             ),
             Form(Setting, f"PROC {heading.name}()", (), ROUTINE),
             Form(Setting, "VAR bool timed_out;", (), FLAG),
+            Form(Setting, ACCELERATIONS, (), USUAL),
             Form(JointMove, rf"MoveAbsJ @\NoEOffs, @, @, {tool}{object_};", (target, ANY_TIME, ZONE)),
             Form(LinearMove, f"MoveL CalcRobT(@, {tool}{object_}), @, @, {tool}{object_};", (target, LINE_TIME, ZONE)),
             Form(SetLoad, "GripLoad @;", (Field(r"load(?:0|_[1-9]\d*)", grip, gripped),)),

@@ -314,6 +314,7 @@ class PickMoves:
     ) -> None:
         self._task, self._member = setup.made_by(pick, program.member)
         self._arm, self._deviation, self._language = setup.checker.arm, deviation, language
+        self._spare = 0  # of the at most 12 moves from home to home, those that the moves so far have not used
         self.moves: dict[str, list[JointMove | LinearMove]] = {segment.name: [] for segment in program.segments}
         stretch, here = list[ProgramSegment](), program.segments[0].trajectory.start
         for segment in program.segments:
@@ -408,8 +409,10 @@ class PickMoves:
                 partial(self._proven, part),
                 lines=(leaving, entering),
                 enough=ENOUGH * sum(segment.trajectory.duration for segment in stretch),
+                spare=self._spare,
             )
             if found is not None:
+                self._spare += 1 + 2 * bool(leaving) + 2 * bool(entering) - len(found.blends)
                 joint = [stage] * (len(found.blends) - bool(leaving) - bool(entering))
                 stages = [line.stage for line in lines[:1] if line] + joint + [line.stage for line in lines[1:] if line]
                 return self._within_limits(stages, found.blends, found.motion.moves)

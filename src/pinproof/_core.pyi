@@ -1115,7 +1115,7 @@ class StaggeredSearch:
     def tried(self) -> int: ...
 
 def shortcut(
-    edges: EdgeChecker, path: NDArray[numpy.float64], draws: NDArray[numpy.float64]
+    edges: EdgeChecker, path: NDArray[numpy.float64], draws: NDArray[numpy.float64], tighten: bool
 ) -> NDArray[numpy.float64]: ...
 def search_tour(
     job: NDArray[numpy.int64],

@@ -11,9 +11,9 @@ from pinproof.model import load_robot
 def ball_arm(
     kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0), geometry: str = '<sphere radius="0.05"/>'
 ) -> pp.Arm:
-    """A ball of 5 cm moved by a chain: ``"x"``, ``"y"`` slide along an axis; ``"turn"`` swings it, 1 m out, about z.
+    """A ball of 5 cm moved by a chain: ``"x"``, ``"y"``, ``"z"`` slide along an axis; ``"turn"`` swings it about z.
 
-    ``"spin"`` turns what follows about z.
+    It is then 1 m out. ``"spin"`` turns what follows about z.
     """
     low, high = limits
     parts = ['<robot name="ball"><link name="l0"/>']
@@ -21,6 +21,7 @@ def ball_arm(
         joint, axis = {
             "x": ("prismatic", "1 0 0"),
             "y": ("prismatic", "0 1 0"),
+            "z": ("prismatic", "0 0 1"),
             "turn": ("continuous", "0 0 1"),
             "spin": ("continuous", "0 0 1"),
         }[kind]

@@ -81,6 +81,25 @@ def test_a_waypoint_moves_towards_the_line_between_its_neighbours(gantry):
     assert short.length < 1.75 < path.length
 
 
+def test_a_tightened_path_is_shorter_proven_and_in_the_range_of_the_given_one():
+    """Moves along oblique vectors may not take a joint out of its limits, at which the waypoints of these paths are."""
+    crane = ball_arm(("x", "y", "z"))
+    checker = pp.CollisionChecker(crane, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.5), pp.pose((0.0, 0.0, 0.6)))]))
+    rng, lengths = np.random.default_rng(0), []
+    for _ in range(20):
+        a, b, c, d, x = rng.uniform(-0.2, 0.2, 5)
+        path = path_of(checker, (-0.9, a, 0.8 + b), (x, 0.9, 1.0), (0.9, c, 0.8 + d))
+        short, tight = pp.shortcut(path, checker), pp.shortcut(path, checker, tighten=True)
+        assert_same_ends(tight, path)
+        assert pp.certify(tight, checker).free
+        assert_free(tight, checker)
+        assert (tight.q <= path.q.max(axis=0)).all()
+        lengths.append((short.length, tight.length))
+    lengths = np.array(lengths)
+    assert (lengths[:, 1] <= lengths[:, 0]).all()
+    assert lengths[:, 1].sum() < 0.998 * lengths[:, 0].sum()
+
+
 @pytest.mark.parametrize(
     ("shorten", "settings", "message"),
     [

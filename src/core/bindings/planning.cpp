@@ -334,10 +334,10 @@ void bind_planning(nb::module_& module) {
     bind_manifold(module);
     bind_search(module);
     bind_staggered_moves(module);
-    module.def("shortcut", [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
+    module.def("shortcut", [](EdgeChecker& edges, const Matrix& path, const Matrix& draws, bool tighten) {
             const auto points = shaped("path", path, {kSome, edges.dof()}), numbers = draws_of(draws, 2);
-            return rows_of(without_gil([&] { return shortened_path(edges, points, numbers); }), edges.dof());
-        }, "edges"_a, "path"_a, "draws"_a,
+            return rows_of(without_gil([&] { return shortened_path(edges, points, numbers, tighten); }), edges.dof());
+        }, "edges"_a, "path"_a, "draws"_a, "tighten"_a,
         "A shorter path (k, n) with the same ends, from random numbers (attempts, 2) in [0, 1).");
     module.def(
         "search_tour",

@@ -11,6 +11,10 @@ namespace {
 // Fraction of the path length (Euclidean). A change that saves less does not justify its checks.
 constexpr double kMinGain = 2e-3;
 
+// The same for the moves that tighten a path, and the maximum number of passes of these.
+constexpr double kTightGain = 2e-4;
+constexpr int kTightPasses = 6;
+
 // Smallest square that is divided by.
 constexpr double kTiny = std::numeric_limits<double>::min();
 
@@ -18,7 +22,10 @@ constexpr double kTiny = std::numeric_limits<double>::min();
 constexpr int kPatience = 8;
 
 // Number of passes over the waypoints before and after the random shortcuts.
-constexpr int kPasses = 2;
+constexpr int kPassesBefore = 1, kPassesAfter = 2;
+
+// Number of orthonormal bases along whose vectors waypoints are moved.
+constexpr int kBases = 3;
 
 double distance(const std::vector<double>& a, const std::vector<double>& b) {
     return std::sqrt(squared_distance(a.data(), b.data(), a.size()));
@@ -49,15 +56,23 @@ class PathShortener {
             if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
         }
         given_ = path_;
+        low_ = high_ = path_.front();
+        for (const Waypoint& q : path_)
+            for (std::size_t j = 0; j < q.size(); ++j) {
+                low_[j] = std::min(low_[j], q[j]);
+                high_[j] = std::max(high_[j], q[j]);
+            }
     }
 
-    // All operations, or without draws only the first.
-    void run(std::span<const double> draws) {
+    // All operations; without draws only the first, and the last if the path is tightened.
+    void run(std::span<const double> draws, bool tighten) {
         connect_farthest();
-        if (draws.empty()) return;
-        move_waypoints();
-        random_shortcuts(draws);
-        move_waypoints();
+        if (!draws.empty()) {
+            move_waypoints(kPassesBefore, kMinGain);
+            random_shortcuts(draws);
+            move_waypoints(kPassesAfter, kMinGain);
+        }
+        if (tighten) move_waypoints(kTightPasses, kTightGain);
     }
 
     // Whether every edge that is not one of the given path is proven free.
@@ -88,21 +103,18 @@ class PathShortener {
             failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
     }
 
-    // Remove each waypoint for which the edge between its neighbours is free, and move the joints of the others towards
-    // that edge. A waypoint is tried again if it or a neighbour has moved.
-    void move_waypoints() {
-        std::vector<char> moved(path_.size(), 1);
-        for (int pass = 0; pass < kPasses; ++pass) {
-            std::vector<char> before = std::exchange(moved, std::vector<char>(path_.size(), 0));
+    // Remove each waypoint for which the edge between its neighbours is free, and move the others towards that edge, in
+    // passes along the vectors of different bases. Ends early after passes along all bases without a gain.
+    void move_waypoints(int passes, double min_gain) {
+        for (int pass = 0, idle = 0; pass < passes && idle < kBases; ++pass) {
+            ++idle;
             for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
-                if (!(before[i - 1] || before[i] || before[i + 1] || moved[i - 1])) continue;
                 if (free(path_[i - 1], path_[i + 1])) {
-                    for (auto* flags : {&before, &moved}) flags->erase(flags->begin() + static_cast<std::ptrdiff_t>(i));
                     path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
-                    before[i - 1] = 1;  // It has a new neighbour.
                     i = std::max<std::size_t>(i, 2) - 2;
-                } else {
-                    moved[i] = move_joints(i);
+                    idle = 0;
+                } else if (move_waypoint(i, pass % kBases, min_gain)) {
+                    idle = 0;
                 }
             }
         }
@@ -143,61 +155,74 @@ class PathShortener {
         return true;
     }
 
-    // Move single joints of a waypoint to the straight line between its neighbours, or half as far, in the order of
-    // the length that they save. Where the line is blocked, few of the joints are the reason. Returns whether one moved.
-    bool move_joints(std::size_t i) {
+    // Move a waypoint towards the straight line between its neighbours, or half as far, along one vector of an orthonormal
+    // basis at a time, in the order of the length that they save. Where the line is blocked, few of the vectors lead into
+    // the obstacle. Basis 0 is that of the joints, and the others are its reflections I - 2 v v^T / n, where the elements
+    // of v are 1, or 1 and -1 in turn: a waypoint in contact that no single joint can move may slide along the contact.
+    // Joints stay in the range of the given path, and so in their limits. Returns whether the waypoint moved.
+    bool move_waypoint(std::size_t i, int basis, double min_gain) {
         const Waypoint &before = path_[i - 1], &after = path_[i + 1];
         Waypoint& here = path_[i];
+        const std::size_t dof = here.size();
         double product = 0.0, square = 0.0;
-        for (std::size_t j = 0; j < here.size(); ++j) {
+        for (std::size_t j = 0; j < dof; ++j) {
             product += (here[j] - before[j]) * (after[j] - before[j]);
             square += (after[j] - before[j]) * (after[j] - before[j]);
         }
         const Waypoint foot = between(before, after, std::clamp(product / std::max(square, kTiny), 0.0, 1.0));
-        const auto moved_joint = [&](std::size_t j, double share) {
+        const auto v = [&](std::size_t j) { return basis == 0 ? 0.0 : basis == 2 && j % 2 == 1 ? -1.0 : 1.0; };
+        const double scale = 2.0 / static_cast<double>(dof);
+        // The waypoint moved by a share of the step to the foot along vector k
+        const auto moved = [&](std::size_t k, double share) {
+            double along = 0.0;
+            for (std::size_t j = 0; j < dof; ++j) along -= scale * v(k) * v(j) * (foot[j] - here[j]);
+            along = (along + foot[k] - here[k]) * share;
             Waypoint q = here;
-            q[j] += (foot[j] - q[j]) * share;
+            for (std::size_t j = 0; j < dof; ++j)
+                q[j] = std::clamp(q[j] + along * ((j == k ? 1.0 : 0.0) - scale * v(k) * v(j)), low_[j], high_[j]);
             return q;
         };
         const auto gain = [&](const Waypoint& q) {
             return distance(before, here) + distance(here, after) - distance(before, q) - distance(q, after);
         };
         std::vector<std::pair<double, std::size_t>> order;
-        for (std::size_t j = 0; j < here.size(); ++j) order.emplace_back(-gain(moved_joint(j, 1.0)), j);
+        for (std::size_t k = 0; k < dof; ++k) order.emplace_back(-gain(moved(k, 1.0)), k);
         std::ranges::sort(order);
-        const double min_gain = kMinGain * lengths_along(path_).back();
-        bool moved = false;
-        for (const auto& [_, j] : order)
+        const double wanted = min_gain * lengths_along(path_).back();
+        bool changed = false;
+        for (const auto& [_, k] : order)
             for (const double share : {1.0, 0.5}) {
-                Waypoint q = moved_joint(j, share);
-                if (gain(q) <= min_gain) break;
+                Waypoint q = moved(k, share);
+                if (gain(q) <= wanted) break;
                 if (!free(before, q) || !free(q, after)) continue;
                 here = std::move(q);
-                moved = true;
+                changed = true;
                 break;
             }
-        return moved;
+        return changed;
     }
 
     EdgeChecker& edges_;
     bool proofs_;
     std::vector<Waypoint> path_, given_;
+    Waypoint low_, high_;  // the range of the given path
 };
 
 }  // namespace
 
-std::vector<double> shortened_path(EdgeChecker& edges, std::span<const double> path, std::span<const double> draws) {
+std::vector<double> shortened_path(EdgeChecker& edges, std::span<const double> path, std::span<const double> draws,
+                                   bool tighten) {
     const double resolution = edges.resolution();
     for (const double tried : {resolution, resolution / 2}) {
         edges.set_resolution(tried);
         PathShortener quick(edges, path, false);
-        quick.run(draws);
+        quick.run(draws, tighten);
         const bool proven = quick.added_edges_proven();
         edges.set_resolution(resolution);
         if (proven) return quick.path();
     }
     PathShortener proven(edges, path, true);
-    proven.run(draws);
+    proven.run(draws, tighten);
     return proven.path();
 }
 

@@ -248,6 +248,7 @@ def plan(
         found = [planned, other] if other.ok else [planned]
         short = [shortcut(each.path, checker, rng=rng, torque_limits=task["torque_limits"]) for each in found]
         path, planned = min(zip(short, found, strict=True), key=lambda pair: pair[0].length)
+        task["attempts"] = 0
     simplified = simplify(path, checker, rng=rng, blend=blend, **task)
     result = result.changed(planned=planned, simplified=simplified)
     # A motion, which may end at another goal

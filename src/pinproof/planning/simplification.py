@@ -1,7 +1,7 @@
 """Shorten a path, round its corners, and certify the resulting curve.
 
-Waypoints are removed, and single joints of the remaining ones move towards the straight line between their neighbours,
-before and after random shortcuts. A new edge is accepted only if it is proven free.
+Waypoints are removed, and the remaining ones move towards the straight line between their neighbours, before and after
+random shortcuts. A new edge is accepted only if it is proven free.
 
 With constraints of the tcp, every waypoint is projected onto them, and every edge is proven to satisfy them
 (``src/core/planning/manifold.h``); a smooth curve through points of the path replaces it.
@@ -112,7 +112,7 @@ def simplify(
     constraints: Sequence[PathConstraint] = (),
     torque_limits: TorqueLimits | None = None,
 ) -> SimplifyResult:
-    """Shorten a path (:func:`shortcut`), round its corners (:func:`blend`), and certify the resulting curve.
+    """Shorten a path (:func:`shortcut`, tightened), round its corners (:func:`blend`), and certify the result.
 
     Every piece is proven before it is accepted, and the complete curve is certified afterwards. If that certificate is
     not FREE, the result is the shortened path without rounding, or else the given path, and the message states it.
@@ -140,7 +140,9 @@ def simplify(
         If the path does not move the joints of the arm, or a setting is out of its range.
     """
     constraints = check_constraints(constraints)
-    short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints, torque_limits=torque_limits)
+    short = shortcut(
+        path, checker, rng=rng, attempts=attempts, tighten=True, constraints=constraints, torque_limits=torque_limits
+    )
     rejected = ""
     for curve in _candidates(short, checker, constraints, torque_limits, blend, deviation):
         proof = certify(curve, checker, constraints=constraints)
@@ -187,6 +189,7 @@ def shortcut(
     *,
     rng: int | np.random.Generator = 0,
     attempts: int = 60,
+    tighten: bool = False,
     resolution: float = RESOLUTION,
     constraints: Sequence[PathConstraint] = (),
     torque_limits: TorqueLimits | None = None,
@@ -205,7 +208,11 @@ def shortcut(
     rng
         Seed or Generator of the random shortcuts.
     attempts
-        Maximum number of random shortcuts. With 0, waypoints are removed and nothing else is changed.
+        Maximum number of random shortcuts. With 0, waypoints are removed and nothing else is changed before the path is
+        tightened.
+    tighten
+        Whether the waypoints are moved in more and smaller steps in the end. It takes about as long as the rest; paths
+        of MotionBenchMaker are 1 % shorter. Without effect with ``constraints``.
     resolution
         Distance (m) by which bodies move between two samples that are checked before the proof of an edge.
     constraints
@@ -226,7 +233,7 @@ def shortcut(
         manifold = manifold_of(checker.group, constraints)
         return JointPath(_shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
     draws = generator.random((attempts, 2))
-    return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)
+    return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws, tighten), path.joint_names)
 
 
 def blend(path: JointPath, checker: CollisionChecker, *, deviation: float = 0.1) -> BlendedPath:

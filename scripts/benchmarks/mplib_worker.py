@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import sys
 import time
 from typing import Any
@@ -62,6 +63,8 @@ def _main() -> None:
         for line in sys.stdin:
             mplib.set_global_seed(json.loads(line)["seed"])
             began = time.process_time()
+            # OMPL knows a limit of elapsed time only: the system ends a process that works for longer
+            resource.setrlimit(resource.RLIMIT_CPU, (int(began + job["processor_limit"]) + 1, resource.RLIM_INFINITY))
             status, path = planner.planner.plan(start, goals, time=job["time_limit"], range=RANGE, simplify=True)
             ms = {"plan": 1e3 * (time.process_time() - began)}
             found = status == "Exact solution"

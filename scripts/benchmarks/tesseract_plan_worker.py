@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import sys
 import time
 from pathlib import Path
@@ -109,6 +110,8 @@ def _main() -> None:
             for q in (job["start"], job["goals"][0]):
                 program.move_to(JointTarget(np.array(q)))
             began = time.process_time()
+            # OMPL knows a limit of elapsed time only: the system ends a process that works for longer
+            resource.setrlimit(resource.RLIMIT_CPU, (int(began + job["processor_limit"]) + 1, resource.RLIM_INFINITY))
             result = composer.plan(robot, program, pipeline=pipeline, profiles=profiles)
             ms = {"plan": 1e3 * (time.process_time() - began)}
             path = None

@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from select import select
@@ -25,6 +26,7 @@ from lxml import etree
 from benchmarks.planning_methods import (
     ELAPSED_LIMIT,
     NANOSECONDS_PER_MS,
+    TIME_LIMIT,
     PlanAnswer,
     PlanMethod,
     Solve,
@@ -40,8 +42,8 @@ from pinproof.common.content_hash import digest
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix
 
-PATIENCE = 2 * ELAPSED_LIMIT
-"""Seconds after which a process is ended that gives no answer."""
+PATIENCE = 10 * ELAPSED_LIMIT
+"""Seconds after which a process is ended that gives no answer; the limit of processor time usually ends it before."""
 
 HALF = np.pi - 1e-3
 """Half the range (rad) of a periodic joint: MPlib may end a motion at a goal shifted by 2 pi if the range is larger."""
@@ -98,7 +100,8 @@ def _prepare(command: Sequence[str], problem: PlanProblem, checker: CollisionChe
             "allowed": [pair.owners for pair in checker.excluded if set(pair.owners) & set(problem.scene.names)],
             "start": problem.start.tolist(),
             "goals": problem.goals.tolist(),
-            "time_limit": ELAPSED_LIMIT,
+            "time_limit": PATIENCE,
+            "processor_limit": TIME_LIMIT,
         }
         _exchange(worker, job)
 
@@ -148,7 +151,8 @@ def _exchange(worker: subprocess.Popen[str], question: dict[str, Any]) -> dict[s
     """Send a line of JSON to a worker and return its answer."""
     if worker.stdin is None or worker.stdout is None:
         raise RuntimeError("the worker was started without pipes")
-    print(json.dumps(question), file=worker.stdin, flush=True)
+    with suppress(BrokenPipeError):  # of a process that has ended, which is reported below
+        print(json.dumps(question), file=worker.stdin, flush=True)
     if not select([worker.stdout], [], [], PATIENCE)[0]:
         worker.kill()
         raise _NoAnswerError(f"the planner gave no answer within {PATIENCE:g} s")

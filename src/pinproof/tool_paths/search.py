@@ -79,7 +79,7 @@ NEAR, NEAR_METRES = 1.0, 0.1
 MOST_SIDES = 3
 # rad or m: rungs are added where the joints must move by at most this, as close to singular configurations.
 FARTHEST = 2.0
-# Largest number of refinements of the parts of a path that cannot be passed as a whole.
+# Largest number of refinements of the parts of a path that cannot be passed as a whole, and of a finer grid.
 HOPELESS = 20
 # Shares of the step to the least quadratic cost that are compared, its largest size (rad or m), and the least share of
 # its speed with which a joint counts.
@@ -190,11 +190,12 @@ class Search:
         None if the poses without a node have none there either.
         """
         if all(each.obstruction is Obstruction.JUMP for each in blocked):
-            return self.again(spacing=(CLOSER * self.spacing[0], CLOSER * self.spacing[1]))
+            spacing = CLOSER * self.spacing[0], CLOSER * self.spacing[1]
+            return self.again(spacing=spacing, budget=min(self.budget, HOPELESS))
         empty = [replace(rung) for rung in self.rungs if not len(rung.rates)]
         if (grid := self.grid.finer()) is None or any(rung.given or rung.avoided for rung in empty):
             return None
-        finer, shown = self.again(grid=grid), empty[:: 1 + len(empty) // SCREENED]
+        finer, shown = self.again(grid=grid, budget=min(self.budget, HOPELESS)), empty[:: 1 + len(empty) // SCREENED]
         finer._fill(shown)
         return finer if all(len(rung.rates) for rung in shown) else None
 

@@ -202,6 +202,11 @@ class _MovesSearch:
             self._corners[key] = numbers[first] if first < len(numbers) else len(self._zones)
         return self._corners[key]
 
+    def _blend_proven(self, blend: Blend, into: JointPath, out: JointPath) -> bool:
+        """Whether all strips of a blend are proven; those with the largest tolerances fail first."""
+        strips = blend_cover(blend, self._arm, into, out)
+        return all(self._proven(*part) for part in sorted(strips, key=lambda part: -float(part[1].max())))
+
     def made(self, choice: _Choice, *, proven: bool = True) -> BlendedMoves | None:
         """The moves of a choice with their largest zones; None if a move is not proven."""
         points = np.array(choice.points)

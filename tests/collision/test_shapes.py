@@ -292,6 +292,27 @@ SIZED = {
 ALL = {**SIZED, **{name: shape for name, (shape, _) in KINDS.items()}}
 
 
+@pytest.mark.parametrize("count", [20, 40, 200])
+def test_many_points_on_a_line_or_in_a_plane_with_a_radius_are_not_replaced_by_a_box(slider, count):
+    """A disc touches only within its own edge, not at the corners of the square around it."""
+    angle, share = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False), np.linspace(0.0, 1.0, count)[:, None]
+    ring = 0.2 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    fan = ring[[[0, i, i + 1] for i in range(1, count - 1)]]
+    shapes = {
+        "disc": (pp.ConvexShape(ring, 0.03), lambda p: to_triangles(p, fan)),
+        "rod": (pp.ConvexShape(ROD[0] + share * (ROD[1] - ROD[0]), 0.03), lambda p: to_segment(p, *ROD)),
+    }
+    rng = np.random.default_rng(3)
+    for shape, distance in shapes.values():
+        for x in rng.uniform(-0.6, 0.6, 20):
+            at = pp.pose(rng.uniform(-0.2, 0.2, 3), rng.uniform(-3, 3, 3))
+            checker = pp.CollisionChecker(slider, pp.Scene([pp.Obstacle("thing", shape, at)]))
+            expected = distance(at.actInv(np.array([x, 0, 0]))) - 0.03 - BALL
+            assert checker.is_free([x]) == (expected > 0.0)
+            if expected > 0.0:
+                assert checker.clearance([x]) == pytest.approx(expected, abs=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_distance_to_a_ball_equals_an_independent_formula(slider, kind):

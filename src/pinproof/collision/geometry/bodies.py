@@ -26,6 +26,7 @@ from pinproof._core import bodies_on_joint, box_bodies
 from pinproof.collision.geometry.convex_pieces import SAMPLES, kept_convex_pieces
 from pinproof.collision.geometry.hulls import (
     Inside,
+    PointHull,
     Solid,
     Surface,
     bvh,
@@ -606,8 +607,8 @@ def _convex_shape(shape: ConvexShape) -> Made:
     points, radius = shape.points, shape.radius
     if radius == 0.0 and len(points) > FEW_POINTS:
         return _hull(points, "the convex shape")
-    # Points inside a hull of few points cost less than finding its corners.
-    corners = points if len(points) <= FEW_POINTS else np.array(hull_of_any(points).points(), dtype=float)
+    # Points inside a hull of few points cost less than finding its corners. Flat points are kept as they are.
+    corners = points if len(points) <= FEW_POINTS else PointHull(points).points
     return HullModel(corners, radius), _box_around(corners) + ENDS * radius, Support(corners, radius), None
 
 

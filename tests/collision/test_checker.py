@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import product
 
 import coal
 import numpy as np
@@ -80,6 +81,23 @@ def test_names_that_clash_or_do_not_exist_are_refused(ur5):
             pp.CollisionChecker(ur5, allowed=allowed)
     with pytest.raises(pp.UnknownNameError, match="hull"):
         pp.CollisionChecker(ur5, link_meshes="convex")
+
+
+@pytest.mark.parametrize("tcp", ["tool0", "wrist_3_link"])
+def test_a_tool_or_obstacle_with_the_name_of_a_link_is_refused_whatever_its_shape(ur5, tcp):
+    """It would be taken for a part of the link: the pairs that may touch by design would not be checked."""
+    two = trimesh.util.concatenate([trimesh.creation.box((0.03, 0.03, 0.3)), trimesh.creation.box((0.2, 0.03, 0.03))])
+    pieces = pp.Mesh.from_arrays(two.vertices, two.faces)  # its bodies have names of their own
+    arm = ur5.robot.arm(tcp=tcp)
+    for shape, name in product((pp.Box(0.03, 0.03, 0.6), pieces), (tcp, "forearm_link")):
+        thing = pp.Obstacle(name, shape, pp.pose((0, 0, 0.3)))
+        for make in (
+            lambda thing=thing: pp.CollisionChecker(arm, attached=[thing]),
+            lambda thing=thing: pp.CollisionChecker(arm).with_attached(thing),
+            lambda thing=thing: pp.CollisionChecker(arm, pp.Scene([thing])),
+        ):
+            with pytest.raises(pp.InputError, match=f"two bodies have the name '{name}'"):
+                make()
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])

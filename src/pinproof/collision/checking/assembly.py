@@ -397,16 +397,20 @@ def assemble(
         own = before.own
     else:
         own = (*links, *chain.from_iterable(attached))
-    # Names of bodies are unique, so that messages and margins are unambiguous.
+    # Names of bodies and of their owners are unique, so that rules, messages and margins are unambiguous: an attached
+    # object with the name of a link would be excluded from the pairs of that link.
     if before is None or own is not before.own or around.names is not before.around.names:
         mine, free = [body.name for body in own], around.names.isdisjoint
+        owners = [*urdf.links, *[thing.name for thing in spec.attached]]
         repeated = len(set(mine)) < len(mine) or len(around.names) < len(around.bodies) or not free(mine)
-        if repeated or not free(urdf.links) or not set(urdf.links).isdisjoint(mine[len(links) :]):
+        repeated = repeated or not free(urdf.links) or not set(urdf.links).isdisjoint(mine[len(links) :])
+        if repeated or len(set(owners)) < len(owners) or not around.ranges.keys().isdisjoint(owners):
+            pieces = [body.name for body in (*own, *around.bodies) if body.name != body.owner]
             seen: set[str] = set()
-            for body in (*own, *around.bodies):
-                if body.name in seen or (body.owner != body.link and body.name in urdf.links):
-                    raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
-                seen.add(body.name)
+            for name in (*owners, *around.ranges, *pieces):
+                if name in seen:
+                    raise InputError(f"two bodies have the name {name!r}; rename the obstacle or attached object")
+                seen.add(name)
     pairs = None
     if before is not None and own is before.own and around.ranges is before.around.ranges and levels is before.levels:
         old = before.spec

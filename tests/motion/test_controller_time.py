@@ -164,6 +164,31 @@ def test_a_linear_move_in_a_zone_keeps_the_accelerations_of_the_joints_there() -
     assert blended > 6
 
 
+def test_a_line_near_a_singularity_keeps_the_accelerations_between_rest_and_a_zone(arm) -> None:
+    """Its limits differ much from place to place, and the short motion brakes early or accelerates late."""
+    rng, count = np.random.default_rng(21), 0
+    for k in range(10):
+        q = np.array([0.0, -1.2, 1.4, -1.7, 0.0, 0.0]) + 0.4 * rng.normal(size=6)
+        q[4] = rng.uniform(0.1, 0.3)
+        line = trace_line(arm, q, arm.forward_kinematics(q) * pp.pose(0.1 * rng.normal(size=3)))
+        if line.reason:
+            continue
+        away = line.path.end + 0.5 * rng.normal(size=6)
+        paths = [line.path, pp.JointPath([line.path.end, away], arm.joint_names)]
+        if k % 2:
+            paths = [path.reversed() for path in paths[::-1]]
+        moves = [ControllerMove(paths[0], None, (0.1, 0.1)), ControllerMove(paths[1])]
+        made = controller_motion(moves, arm.limits)
+        times, passed = np.linspace(0.0, made.duration, 4001), np.zeros((4001, 6))
+        for move, profile, start in zip(moves, made.profiles, made.starts, strict=True):
+            q, (shares, _) = move.path.q, profile.at(times - start)
+            passed += make_interp_spline(np.linspace(0.0, 1.0, len(q)), q, k=min(3, len(q) - 1))(shares) - q[0]
+        bends = np.abs(np.diff(passed, 2, axis=0)) / times[1] ** 2
+        assert (bends <= arm.limits.acceleration * 1.005).all()
+        count += 1
+    assert count > 6
+
+
 def test_joint_moves_lead_through_few_points_with_proven_lines_only(arm) -> None:
     """A wall in the plane of two joints, around which the points lead."""
     along = np.linspace(0.0, np.pi, 21)

@@ -177,6 +177,11 @@ class _Rates:
             cruise = np.maximum(left - ramps, 0.0) / peak
         seconds = entry + leaving + (peak - enter) / gain + (peak - leave) / loss + cruise
         possible = (left >= 0.0) & (peak > 0.0) & (peak >= np.maximum(enter, leave) - 1e-12)
+        # From or to rest, the other change of the speed is in the places that its acceleration is for
+        braking = 1.0 - leave * leaving / 2.0 - (peak**2 - leave**2) / (2.0 * loss)
+        reaching = enter * entry / 2.0 + (peak**2 - enter**2) / (2.0 * gain)
+        possible &= stops | (enter > 0.0) | (braking >= begin / max(cells, 1) - 1e-12)
+        possible &= stops | (leave > 0.0) | (reaching <= 1.0 - end / max(cells, 1) + 1e-12)
         seconds = np.where(possible, seconds, np.inf)
         best = seconds.argmin(axis=0)[None]
         peak, gain, loss, seconds = (np.take_along_axis(each, best, axis=0)[0] for each in (peak, gain, loss, seconds))
@@ -256,7 +261,9 @@ def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
             at = np.searchsorted(np.maximum.accumulate(squares), share**2 * cruise.max())
             rests[side, k] = rates[min(int(at), len(shares) - 1)]
             rests[side + 2, k] = min(int(at) // IN_PLACE, PLACES)
-    own = tops, gains, losses, rests
+    # Short moves also brake in the first places, and accelerate in the last ones
+    own = *(np.concatenate([each, each]) for each in (tops, gains, losses)), np.hstack([rests, rests])
+    own[3][2:, count:] = 0.0
     speeds = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
     first, last = (np.searchsorted(np.maximum.accumulate(squares), speeds**2) for squares in reached)
     speeds = speeds[(first < len(shares)) & (last < len(shares))]

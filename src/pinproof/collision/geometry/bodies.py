@@ -604,11 +604,14 @@ def _hull(points: Array, what: str) -> Made:
 
 def _convex_shape(shape: ConvexShape) -> Made:
     """Return the hull of points grown by a ball, without which they are not flat."""
-    points, radius = shape.points, shape.radius
-    if radius == 0.0 and len(points) > FEW_POINTS:
-        return _hull(points, "the convex shape")
-    # Points inside a hull of few points cost less than finding its corners. Flat points are kept as they are.
-    corners = points if len(points) <= FEW_POINTS else PointHull(points).points
+    corners, radius = shape.points, shape.radius
+    if len(corners) > FEW_POINTS:  # otherwise points inside the hull cost less than finding its corners
+        if radius == 0.0:
+            return _hull(corners, "the convex shape")
+        try:
+            corners = np.array(convex_hull(corners, "the convex shape").points(), dtype=float)
+        except InputError:  # flat
+            corners = PointHull(corners).points
     return HullModel(corners, radius), _box_around(corners) + ENDS * radius, Support(corners, radius), None
 
 

@@ -127,6 +127,19 @@ def test_the_cover_of_a_blend_contains_curves_of_joints_and_of_the_tcp_in_its_zo
     assert count > 90
 
 
+def test_a_blend_of_a_linear_move_across_a_singularity_has_no_known_extent() -> None:
+    arm = pp.load_robot("ur5").arm()
+    point = np.array([-1.667, -2.745, -2.464, 1.459, -0.076, -2.179])
+    target, change = arm.forward_kinematics(point), np.array([0.009, 0.071, -0.052, 0.041, -0.007, -0.06])
+    target.translation = arm.forward_kinematics(point + change).translation
+    line = trace_line(arm, point, target)
+    assert not line.reason
+    for wrist, crossed in ((0.89, True), (-0.9, False)):  # the fifth joint passes 0, or does not
+        into = pp.JointPath([[-3.1, -3.1, -2.273, 1.937, wrist, -1.732], point], arm.joint_names)
+        covers = blend_cover(Blend(0.1, 0.5), arm, into, line.path)
+        assert (max(float(tolerance.max()) for _, tolerance in covers) >= np.pi) is crossed
+
+
 def test_joint_moves_on_one_line_are_blended_on_it_and_others_are_not() -> None:
     """At any shares of both moves, also with the rounding of a text; a corner of 1 mrad is one."""
     arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(11)

@@ -246,7 +246,11 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> list
     # nearly proportional to the product of both shares, u (1 - u) in a row
     here, apart, strips = arm.forward_kinematics(point), np.zeros(arm.dof), len(at) - 1
     inner = np.clip(0.5, *((np.arange(strips + 1)[:, None] + [-0.5, 0.5]) / strips).T)
-    most, solvable = inner * (1.0 - inner), arm.dof >= 6 and arm.angular[-6:].all()
+    most, solvable = inner * (1.0 - inner), arm.dof >= 6 and bool(arm.angular[-6:].all())
+    linear = len(into.q) > 2 or len(out.q) > 2
+    if solvable and linear:  # across a singularity the difference is not proportional to the shares
+        reached = (point, *(point + side[-1] for side in sides), point + 0.5 * (sides[0][-1] + sides[1][-1]))
+        solvable = len({np.sign(np.linalg.det(arm.jacobian(q)[:, -6:])) for q in reached}) == 1
     for shares in SUPERPOSED:
         used = [max(round(share * (len(side) - 1)), 1) for side, share in zip(sides, shares, strict=True)]
         changes = [side[k] for side, k in zip(sides, used, strict=True)]
@@ -257,7 +261,6 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> list
         pose = pin.SE3(here.rotation @ pin.exp3(turn), place)
         q, _, reason = solve_poses(arm, joined, [pose]) if solvable else (np.zeros(0), 0, "unknown")
         if reason:
-            linear = len(into.q) > 2 or len(out.q) > 2
             apart, most = np.where(arm.angular, np.pi, extent) if linear else extent, np.ones(strips + 1)
             break
         product = used[0] * used[1] / ((len(sides[0]) - 1) * (len(sides[1]) - 1))

@@ -64,7 +64,7 @@ class BodyTime:
 
 @struct("profile", version="pinproof/profile/1", first=("summary", "stages", "bodies"), written=True, eq=False)
 class WorkProfile(Saved, Written):
-    """Where the time was spent; made by :func:`profile_picks`, and by :func:`pinproof.tool_paths.profile_strokes`."""
+    """Where the time was spent; made by :func:`profile_picks`, and by :func:`pinproof.tool_paths.profile_job`."""
 
     report: Any = key("the report on the picks or strokes", hidden=True)
     stages: tuple[StageTime, ...] = key("the stages, the slowest first")

@@ -100,7 +100,11 @@ class PickBudget:
         default=16,
         minimum=1,
     )
-    quick_nodes: int = key("nodes of the RRT for a transit to one configuration", default=300, minimum=1)
+    quick_nodes: int = key(
+        "nodes of the RRT for a transit to one configuration, and for a transfer that must be better than a known one",
+        default=300,
+        minimum=1,
+    )
     nodes: int = key(
         "nodes of the RRT for a transit to any configuration, used if no quick one was found", default=4000, minimum=1
     )

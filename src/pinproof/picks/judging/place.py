@@ -210,14 +210,23 @@ class Placer:
         return inside if len(inside) else shifts[:1]
 
     def transfer(
-        self, place: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int], shifts: Array | None = None
+        self,
+        place: PlaceTarget,
+        attempt: Attempt,
+        down: Release,
+        seeds: list[int],
+        shifts: Array | None = None,
+        nodes: int | None = None,
     ) -> tuple[StageResult, Release | None]:
-        """The transfer from the retreat to the approach of the place, which ends at one of the full rotations."""
+        """The transfer from the retreat to the approach of the place, which ends at one of the full rotations.
+
+        ``nodes`` limit the work of the planner; by default, the budget does.
+        """
         task, arm = self.task, self.task.arm
         carrying = task.carrying(attempt.candidate.member)
         shifts = np.zeros((1, arm.dof)) if shifts is None else shifts
         # A path with the object, which is shortened unless its orientation is constrained
-        planner = planner_of(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
+        planner = planner_of(task.cell.budget.planner).limited_to(nodes or task.cell.budget.nodes)
         goals, constraints = down.entrance + shifts, task.constraints(attempt.candidate.member)
         torques = torque_limits(task, attempt.candidate.member, "transfer", carrying.arm)
         plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, torque_limits=torques, rng=seeds[0])
@@ -282,8 +291,10 @@ class PlaceSearch:
             else:
                 heapq.heappush(self._queue, (-float(self._bounds(down)[1].max()), order, down))
             return None
+        # A transfer that must be better than a known one is short, and is found soon or not at all
+        nodes = placer.task.cell.budget.quick_nodes if least > -np.inf else None
         shifts, bounds = self._bounds(down)
-        result, placing = placer.transfer(place, attempt, down, self._seeds, shifts[bounds >= least])
+        result, placing = placer.transfer(place, attempt, down, self._seeds, shifts[bounds >= least], nodes)
         if placing is None:
             self._without_transfer.append(result)
             return None

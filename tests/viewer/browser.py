@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,17 @@ LITTLE_TO_DRAW = """{
   HTMLCanvasElement.prototype.getContext = function (kind, wishes) {
     return context.call(this, kind, {...wishes, antialias: false});
   };
+  for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"]) {
+    const draw = WebGL2RenderingContext.prototype[name];
+    WebGL2RenderingContext.prototype[name] = function (...wishes) {
+      if (window.pixels) draw.apply(this, wishes);
+    };
+  }
 }"""
-"""A page draws at most twelve frames a second, without smooth edges, because here the processor draws.
+"""A page prepares at most twelve frames a second, without smooth edges, because here the processor draws.
 
-60 frames a second take most of its time, and smooth edges twice the time per frame.
+60 frames a second take most of its time, and smooth edges twice the time per frame. What a frame draws is drawn while
+``window.pixels`` is true, which it is while a test takes a picture (``Page.pixels``).
 """
 
 
@@ -201,8 +209,7 @@ class Page:
             share = min(max(k - 1, 0) / steps, 1.0)
             x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-        # Chromium delivers moves of the mouse with the next frame
-        self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.settle()  # Chromium delivers moves of the mouse with the next frame
 
     def resize(self, width: int, height: int) -> None:
         size = {"width": width, "height": height}
@@ -215,14 +222,28 @@ class Page:
         )
         return found
 
+    @contextlib.contextmanager
+    def pixels(self) -> Iterator[None]:
+        """Frames are drawn inside this block, which begins with the first one."""
+        self.evaluate("window.pixels = true; pinproof.viewer.set_dirty()")
+        self.settle()
+        yield
+        self.evaluate("window.pixels = false")
+
+    def settle(self) -> None:
+        """Wait until a frame is complete."""
+        self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
     def canvas(self) -> np.ndarray:
         """(height, width, 3) what the 3D view shows, without anything that lies over it."""
-        url: str = self.evaluate("pinproof.viewer.capture_image()")
+        take = "(() => { window.pixels = true; try { return pinproof.viewer.capture_image(); }"
+        url: str = self.evaluate(take + " finally { window.pixels = false; } })()")
         return _pixels(base64.b64decode(url.split(",", 1)[1]))
 
     def screenshot(self, path: Path | None = None) -> np.ndarray:
         """(height, width, 3) the complete page."""
-        data = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+        with self.pixels():
+            data = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
         if path is not None:
             path.write_bytes(data)
         return _pixels(data)

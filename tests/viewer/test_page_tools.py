@@ -65,7 +65,7 @@ def on_screen(page: Page, point, frame="pinproof.viewer.scene") -> tuple[float, 
 
 def all_on_screen(page: Page, points, frame="pinproof.viewer.scene") -> list[tuple[float, float]]:
     """The places on the screen of several points."""
-    settle(page)
+    page.settle()
     places = page.evaluate(
         f"(() => {{ {frame}.updateWorldMatrix(true, false);"
         " const box = document.getElementById('meshcat-pane').getBoundingClientRect();"
@@ -76,16 +76,12 @@ def all_on_screen(page: Page, points, frame="pinproof.viewer.scene") -> list[tup
     return [(x, y) for x, y in places]
 
 
-def settle(page: Page) -> None:
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
 def mouse(page: Page, place, *, click: bool = False) -> None:
     x, y = place
     page.send("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
     for kind in ("mousePressed", "mouseReleased") if click else ():
         page.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-    settle(page)
+    page.settle()
 
 
 def pick_option(page: Page, selector: str, text: str) -> None:
@@ -93,7 +89,7 @@ def pick_option(page: Page, selector: str, text: str) -> None:
     page.evaluate(f"document.querySelector('{selector}').focus()")
     for letter in text:
         page.send("Input.dispatchKeyEvent", type="char", text=letter)
-    settle(page)
+    page.settle()
 
 
 def crate(k):
@@ -142,7 +138,7 @@ def test_the_distance_of_two_points_is_measured_and_follows_the_motion(page):
     shown = float(re.match(r"([\d.]+) mm", page.text("#reading"))[1])
     assert shown == pytest.approx(1e3 * np.linalg.norm(np.add(arm_point, [0, 0, 0.1]) - crate(3)), abs=6.0)  # a pixel
     page.seek(2)
-    settle(page)
+    page.settle()
     turned = matrix(ARM.root_from_base * ARM.frame_placement(swing(ARM).end, "upper")) @ [*arm_point, 1.0]
     later = float(re.match(r"([\d.]+) mm", page.text("#reading"))[1])
     assert later == pytest.approx(1e3 * np.linalg.norm(turned[:3] - crate(3)), abs=6.0)
@@ -193,7 +189,7 @@ def slide(page: Page, key: str) -> None:
         page.send(
             "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode={"End": 35, "Home": 36}[key]
         )
-    settle(page)
+    page.settle()
 
 
 def camera(page: Page):
@@ -217,18 +213,17 @@ def press(page: Page, text: str) -> None:
 @pytest.mark.parametrize(("name", "axis"), [("Top", (0, 0, 1)), ("Front", (1, 0, 0)), ("Side", (0, -1, 0))])
 def test_the_views_look_along_an_axis_and_frame_the_picture(page, name, axis):
     page.click("#reset")
-    settle(page)
+    page.settle()
     before, _ = camera(page)
     press(page, name)
     toward, _ = camera(page)
     assert toward @ np.array(axis) > 0.9999
     assert page.evaluate("document.querySelector('#views [aria-pressed=true]').textContent") == name
-    for point in page.evaluate("pinproof.settings.points"):
-        x, y = on_screen(page, point)
+    for x, y in all_on_screen(page, page.evaluate("pinproof.settings.points")):
         assert 0 <= x <= 900
         assert 0 <= y <= 640
     page.key("r")
-    settle(page)
+    page.settle()
     assert camera(page)[0] == pytest.approx(before, abs=1e-6)
     assert page.evaluate("document.querySelectorAll('#views [aria-pressed=true]').length") == 0
 
@@ -237,16 +232,16 @@ def test_the_view_of_the_tool_follows_it_until_the_reader_turns_the_picture(page
     press(page, "Tool")
     for time in (0.0, 1.0, 2.0):
         page.seek(time)
-        settle(page)
+        page.settle()
         tcp = (ARM.root_from_base * ARM.forward_kinematics(swing(ARM)(time))).translation
         assert camera(page)[1] == pytest.approx(tcp, abs=1e-4)
     turned = camera(page)[0]
     page.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", code="ArrowLeft", modifiers=8)
-    settle(page)
+    page.settle()
     assert camera(page)[0] @ turned == pytest.approx(np.cos(0.1), abs=0.01)
     there = camera(page)[1]
     page.seek(0.0)
-    settle(page)
+    page.settle()
     assert camera(page)[1] == pytest.approx(there)
 
 
@@ -402,9 +397,9 @@ def test_a_narrow_page_neither_scrolls_sideways_nor_by_itself(picks_page, browse
 
 
 def printed(page: Page) -> bytes:
-    return base64.b64decode(
-        page.send("Page.printToPDF", printBackground=True, paperWidth=8.27, paperHeight=11.69)["data"]
-    )
+    with page.pixels():
+        paper = page.send("Page.printToPDF", printBackground=True, paperWidth=8.27, paperHeight=11.69)
+    return base64.b64decode(paper["data"])
 
 
 def test_a_report_is_printed_on_one_page_with_its_picture(picks_page):

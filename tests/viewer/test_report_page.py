@@ -139,7 +139,7 @@ def test_a_click_on_a_row_changes_the_motion_and_plays_it_again(page):
 
 
 def test_a_click_on_an_arrow_chooses_its_pick(page):
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")  # it is drawn
+    page.settle()
     x, y = page.evaluate(
         "(() => { const v = new MeshCat.THREE.Vector3(), m = new MeshCat.THREE.Matrix4();"
         " pinproof.arrows.getMatrixAt(0, m); v.set(0, 0, -pinproof.settings.markers.length * 0.9).applyMatrix4(m);"

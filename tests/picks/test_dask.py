@@ -117,7 +117,7 @@ def test_a_search_of_placements_is_interrupted_resumed_and_equal_to_that_of_one_
     arm, scene = picks.load_arm(), pp.Scene.load(picks.scene)
     region = PlacementRegion(x=(-0.3, 0.1), y=(-0.3, 0.3), yaw=(-np.pi, np.pi))
     settings = {
-        "placement_budget": PlacementBudget(grid=60, runs=1, evaluations=6, certified=1),
+        "placement_budget": PlacementBudget(grid=30, runs=1, evaluations=6, certified=1, deviations=1),
         "budget": PickBudget(motion=0, compared=4, remedies=0),
     }
     alone = place_base(arm, scene, picks, region, **settings)

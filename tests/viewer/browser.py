@@ -203,11 +203,13 @@ class Page:
         for kind in ("keyDown", "keyUp"):
             self.send("Input.dispatchKeyEvent", type=kind, key=name, code=name)
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
-        """Press the mouse at a place of the window, move it in steps, and release it."""
+    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8, until: str = "") -> None:
+        """Press the mouse at a place of the window, move it in steps, and release it once a condition is true."""
         for k, kind in enumerate(("mouseMoved", "mousePressed", *["mouseMoved"] * steps, "mouseReleased")):
             share = min(max(k - 1, 0) / steps, 1.0)
             x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+            if kind == "mouseReleased" and until:
+                self.wait_for(until, 60.0)
             self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
         self.settle()  # Chromium delivers moves of the mouse with the next frame
 

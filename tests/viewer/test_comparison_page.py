@@ -11,7 +11,7 @@ from pinproof.cell import compare
 from pinproof.picks import Picks, PickSetup
 
 from .conftest import assert_quiet
-from .test_page_tools import mouse, settle, slide
+from .test_page_tools import mouse, slide
 from .test_report_page import ARM, EVIL, SCENE, bad, good, make_report
 
 
@@ -30,7 +30,7 @@ def page(browser, pages):
 
 def turned(page) -> list[float]:
     """The angle of the first joint on both sides."""
-    settle(page)
+    page.settle()
     quaternions = page.evaluate(
         "pinproof.sides.map((side) => side.viewer.scene_tree.find(['robot', 'upper']).object.quaternion.toArray())"
     )
@@ -63,13 +63,13 @@ def test_one_slider_moves_both_sides_and_a_row_selects_its_pick_in_both(page):
 
 def test_both_sides_have_the_camera_of_the_one_that_is_turned(page):
     places = "pinproof.sides.map((side) => side.viewer.camera.position.toArray())"
-    settle(page)
+    page.settle()
     before = page.evaluate(places)
     assert before[0] == pytest.approx(before[1], abs=1e-6)
     for kind, x in (("mousePressed", 900), ("mouseMoved", 960), ("mouseReleased", 960)):  # in the right picture
         page.send("Input.dispatchMouseEvent", type=kind, x=x, y=200, button="left", buttons=1, clickCount=1)
-    settle(page)
-    settle(page)
+    page.settle()
+    page.settle()
     after = page.evaluate(places)
     assert after[0] == pytest.approx(after[1], abs=1e-6)
     assert abs(after[0][0] - before[0][0]) > 0.01

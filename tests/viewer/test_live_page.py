@@ -134,14 +134,15 @@ def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, 
 
 
 def test_a_computer_that_draws_slowly_draws_less_while_the_target_is_dragged(visit, written, ur5):
-    page = opened(visit, written, 600, 400)  # pages in tests draw at most twelve frames a second
+    page = opened(visit, written, 600, 400)  # pages in tests have at most twelve frames a second
+    page.settle()
     page.evaluate(
         "{ const R = pinproof.viewer.renderer, set = R.setPixelRatio.bind(R); window.drawn = [];"
         " R.setPixelRatio = (ratio) => { set(ratio); drawn.push([ratio, R.domElement.width]); }; }"
     )
     sharp = page.evaluate("pinproof.viewer.renderer.domElement.width")
     start = page.evaluate(PLACE % tuple(ur5.forward_kinematics(ur5.home).translation))
-    page.drag(start, (start[0] - 30, start[1] - 20))
+    page.drag(start, (start[0] - 30, start[1] - 20), until="drawn.length")
     assert page.evaluate("drawn") == [[0.5, sharp // 2], [1, sharp]]
     assert page.evaluate("pinproof.viewer.renderer.shadowMap.autoUpdate")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -195,6 +196,9 @@ def why_not(plan: FollowPlan, settings: dict) -> str:
 TRIES, STEP, TURN, JUMP = 20, 0.01, 0.1, 0.5
 """The number of tries; the largest distance (m) and angle (rad) between their places; the largest step of a joint."""
 
+MOTION, ARM_OF_AXIS = 5000, 0.1
+"""Number of samples of a motion that is compared with the tries, and the metres that 1 rad of the tool axis counts."""
+
 USUAL_SPEED, USUAL_ROTATION = 0.25, 1.0
 """m/s and rad/s: speeds of the tool for the effort along paths that state none."""
 
@@ -209,6 +213,8 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
     place to place; its motion between them must be proven free of contact. It keeps to none of the bounds of the plan.
     """
     arm, free = checker.arm, settings["free_rotation"]
+    if free is True:  # between two poses, the axis of the tool takes the shortest rotation
+        path = replace(path, poses=least_turned(path.poses))
     # The places, with the lines of the approach and the departure
     at = [np.zeros(1)]
     for k, (a, b) in enumerate(zip(path.poses, path.poses[1:], strict=False)):
@@ -244,12 +250,33 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
     tried = min(cost(arm, path, free, where, poses, q) for q in rows) if alive.any() else None
     if tried is None or not plan.ok or len(plan.pieces) > 1:
         return bool(alive.any()), tried, None
-    piece = plan.pieces[0]
-    own = np.column_stack([np.interp(where, piece.poses, column) for column in piece.q.T])
-    # Between its rungs and where it rounds corners, the motion is not at these poses, which those of the tries are
+    # The motion where it has travelled the same share of its way; where it rounds corners, it is not at these poses,
+    # which those of the tries are
+    motion = plan.trajectory(np.linspace(0.0, plan.duration, MOTION))
+    at, wanted = travelled(arm.forward_kinematics_batch(motion)), travelled(poses)
+    own = np.column_stack([np.interp(wanted, at, column) for column in motion.T])
     task = IkTask() if free is False else IkTask(rz=False)
     own = pp.Clik(restarts=0).solve_batch(arm, poses, own, task=task).q
     return True, tried, cost(arm, path, free, where, poses, own)
+
+
+def least_turned(poses: np.ndarray) -> np.ndarray:
+    """(k, 4, 4) poses with the same tool axes, each with the smallest rotation from the one before."""
+    turned = poses.copy()
+    for before, after in pairwise(turned):
+        a, b = before[:3, 2], after[:3, 2].copy()
+        axis, cosine = np.cross(a, b), float(a @ b)
+        cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+        if cosine > -0.999:  # opposite axes have no smallest rotation
+            after[:3, :3] = (np.eye(3) + cross + cross @ cross / (1.0 + cosine)) @ before[:3, :3]
+    return turned
+
+
+def travelled(poses: np.ndarray) -> np.ndarray:
+    """(k,) the share of its way that a tool has travelled at poses (k, 4, 4), with the rotation of its axis."""
+    change = np.diff(poses, axis=0)
+    way = np.linalg.norm(change[:, :3, 3], axis=1) + ARM_OF_AXIS * np.linalg.norm(change[:, :3, 2], axis=1)
+    return np.append(0.0, np.cumsum(way)) / max(float(way.sum()), 1e-12)
 
 
 def lifted(pose: np.ndarray, lengths: np.ndarray) -> np.ndarray:

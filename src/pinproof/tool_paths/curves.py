@@ -103,8 +103,12 @@ class CurveMaker:
             worst = int(np.flatnonzero(bad)[0])
             if (np.diff(knots)[bad] < finest).any():
                 break
-            middles = 0.5 * (knots[:-1] + knots[1:])[bad]
-            added, missed = self._projected(route, middles, path(middles))
+            # A spline may swing far out in a long piece beside the short ones of a rounded corner. From there, the
+            # projection would change the rotation of the tool too
+            middles, guess = 0.5 * (knots[:-1] + knots[1:])[bad], 0.5 * (points[:-1] + points[1:])[bad]
+            bent, steps = path(middles), np.abs(np.diff(points, axis=0))[bad].max(axis=1, keepdims=True)
+            guess = np.where(np.abs(bent - guess).max(axis=1, keepdims=True) <= steps, bent, guess)
+            added, missed = self._projected(route, middles, guess)
             if missed is not None:
                 return NoCurve(*missed)
             order = np.argsort(np.concatenate([knots, middles]), kind="stable")

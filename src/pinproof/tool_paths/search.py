@@ -89,7 +89,7 @@ LEAVING, INSIDE = 4, 2e-3
 # Largest number of poses without a node at which a finer grid is compared first, and its distance of poses as a share.
 SCREENED, CLOSER = 8, 0.25
 # Length of the window over which steps are smoothed, in steps of the grid.
-WINDOW = 2.0
+WINDOW = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +350,13 @@ class Search:
             courses = (course, *(course.others if attempts > 1 else ()))
             kept = np.zeros(len(course.nodes), dtype=bool)
             coarse = [self._polished(first, own, kept, COMPARED) for own in courses]
-            best = min(range(len(coarse)), key=lambda k: coarse[k].cost)
+            # Rungs that are far apart hide what a course costs between them, as beside a singular configuration
+            full = dict[int, float]()
+            for number in sorted(range(len(coarse)), key=lambda k: coarse[k].cost):
+                if full and coarse[number].cost >= min(full.values()):
+                    break
+                full[number] = self._full_cost(first, coarse[number])
+            best = min(full, key=lambda number: full[number])
             for own, start in {best: coarse[best], 0: coarse[0]}.items():
                 kept[:] = False
                 for attempt in range(attempts):
@@ -368,6 +374,30 @@ class Search:
                 self.exhausted = True
                 return None
             self._refine(index, course.nodes[index - first : index - first + 2])
+
+    def _full_cost(self, first: int, course: Course) -> float:
+        """The cost of a course with the configurations between its rungs that are closest to straight lines."""
+        rungs = self.rungs[first : first + len(course.nodes)]
+        gaps = np.array([self._gap(first + k) for k in range(len(rungs) - 1)])
+        parts = np.clip(np.ceil(gaps / (CLOSER * self.spacing[0])), 1, 1.0 / CLOSER).astype(int)
+        if len(rungs) < 2 or parts.max() == 1:
+            return course.cost
+        places, guesses = [rungs[0].place[None]], [course.q[:1]]
+        for before, after, q, count in zip(rungs, rungs[1:], pairwise(course.q), parts.tolist(), strict=False):
+            share, begin = np.arange(1, count + 1) / count, before.s if before.route == after.route else 0.0
+            places.append(self.routes[after.route].poses(begin + share * (after.s - begin)))
+            guesses.append(q[0] + share[:, None] * (q[1] - q[0]))
+        solver = Clik(position_tolerance=EXACT, orientation_tolerance=EXACT, restarts=0)
+        found = solver.solve_batch(self.arm, np.concatenate(places), np.concatenate(guesses), task=self.task)
+        span = slice(first, first + len(parts))
+        ladder = ladder_of(
+            self.arm, np.ones(len(found.q), dtype=np.int64), found.q,
+            rates_of(self.checker, self.arm, found.q, self.settings.costs), np.zeros(self.arm.dof),
+            np.repeat(self._ladder.durations[span] / parts, parts), np.repeat(self._ladder.timed[span], parts),
+            self.settings,
+        )  # fmt: skip
+        whole = ladder.solve(0, len(found.q) - 1)
+        return float(whole.cost) if found.ok.all() and len(whole.nodes) == len(found.q) else np.inf
 
     def _continue(self, last: int, reachable: Array) -> bool:
         """Whether nodes or a rung were added where the farthest rung is not the last one."""

@@ -68,10 +68,10 @@ def test_poses_out_of_reach_are_the_answer_before_the_budget_is_used_up():
 
 
 @pytest.mark.parametrize(
-    ("name", "seed"), [("ur5", 27), ("ur5", 28), ("panda", 55), ("panda", 57), ("panda", 40), ("panda", 154)]
+    ("name", "seed"), [("ur5", 27), ("ur5", 151), ("panda", 55), ("panda", 57), ("panda", 40), ("panda", 68)]
 )
 def test_no_motion_from_a_random_start_costs_less(name, seed):
-    """The optimum is between the values of the grid, near another sequence, or at a joint limit."""
+    """The optimum is between the values of the grid or its rungs, near another sequence, or at a joint limit."""
     checker, path, settings = random_problem(name, np.random.default_rng(seed))
     plan = pp.follow(checker, path, **settings).or_raise()
     _, least, own = best_of_tries(checker, path, settings, plan, np.random.default_rng([seed, 1]))
@@ -182,6 +182,17 @@ def test_corners_are_rounded_within_the_deviation(free):
         assert plan.deviation <= deviation
         speed = np.linalg.norm(plan.trajectory.velocity(np.linspace(0.5, plan.duration - 0.5, 3000)), axis=1)
         assert speed.min() > 1e-3  # it does not stop
+
+
+def test_the_free_rotation_does_not_swing_between_the_poses():
+    # Where corners are rounded by a little, splines with few points swing far out between them
+    share, checker = np.linspace(0.0, 1.0, 15)[:, None], pp.CollisionChecker(pp.load_robot("puma560").arm(), pp.Scene())
+    zigzag = (np.arange(15) % 2)[:, None] * [-0.004, 0.0036, -0.0128]
+    points = [-0.42, -0.524, 0.781] + share * [-0.057, 0.02, 0.025] + zigzag
+    axes = np.column_stack([-0.385 + 0.077 * np.sin(np.pi * share), 0.0 * share - 0.92, 0.0 * share - 0.145])
+    plan = pp.follow(checker, ToolPath.through(points, -axes, speed=0.161), rotations=12, deviation=3e-4)
+    last = plan.trajectory(np.linspace(0.0, plan.duration, 2000))[:, 5]
+    assert np.ptp(last) < np.ptp(plan.pieces[0].q[:, 5]) + 1e-3
 
 
 def test_poses_out_of_reach_are_blocked_with_a_proof(free):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import jsonschema
@@ -90,6 +90,14 @@ def piece(folder: Path, mesh: trimesh.Trimesh, unit: str | None = None) -> Workp
     return Workpiece.read(mesh_file(folder, "part.stl", mesh), folder, most=1.0, unit=unit)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_proposals() -> Iterator[None]:
+    """The grasps of a part are chosen among a tenth of the proposals."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pinproof.cell.starting.new_cell.PROPOSED", 200)
+        yield
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> NewCell:
     """A cell of a UR5 with an assumed cup and two parts of each of two types, one of which is in millimetres."""
@@ -171,7 +179,6 @@ def test_the_command_makes_a_cell_of_an_own_robot_with_fingers_and_an_srdf(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pinproof.cell.starting.new_cell.PROPOSED", 200)
     scara(tmp_path, JAWS)
     mesh_file(tmp_path, "block.stl", trimesh.creation.box((40.0, 25.0, 20.0)))
     code, out, _ = run_main("new", "cell", "scara.urdf", "block.stl", "--tcp", "tip", "-o", "made")

@@ -85,7 +85,8 @@ def test_far_common_normals_are_explained(run: Cli, file: str) -> None:
     assert len(run.json("dh2urdf", "far.yaml", "-o", "far.urdf")["notes"]) == 2
 
 
-def test_a_new_cell_keeps_the_calibration(run: Cli, file: str) -> None:
+def test_a_new_cell_keeps_the_calibration(run: Cli, file: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pinproof.cell.starting.new_cell.PROPOSED", 100)
     trimesh.creation.box((0.05, 0.03, 0.03)).export("block.stl")
     run.prints("new", "cell", "ur5e", "block.stl", "--calibration", file, "-o", "cell", "--no-run")
     arm = pp.read_picks("cell/picks.yaml").load_arm()

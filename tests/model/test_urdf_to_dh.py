@@ -65,7 +65,7 @@ def difference(table: DhTable, arm: Arm, seed: int = 0, configurations: int = 20
 
 
 @pytest.mark.slow
-@examples(80)
+@examples(40)
 @given(table=tables(), convention=st.sampled_from(["standard", "modified"]), seed=st.integers(0, 2**32 - 1))
 def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed):
     there = arm_of(table)
@@ -83,7 +83,7 @@ def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed)
             assert getattr(row, column) == getattr(original, column)
 
 
-@examples(60)
+@examples(30)
 @given(data=st.data(), convention=st.sampled_from(["standard", "modified"]))
 def test_a_table_without_free_choices_is_reproduced_exactly(data, convention):
     """No axes parallel, every |theta| < pi/2, neither base nor tool: then DH leaves nothing to choose."""

@@ -140,6 +140,19 @@ def test_a_blend_of_a_linear_move_across_a_singularity_has_no_known_extent() -> 
         assert (max(float(tolerance.max()) for _, tolerance in covers) >= np.pi) is crossed
 
 
+def test_a_side_of_a_blend_that_crosses_singularities_twice_is_noticed() -> None:
+    arm = pp.load_robot("ur5").arm()
+    point = np.array([0.261, -0.829, 1.369, -2.215, -0.117, -0.101])
+    line = trace_line(arm, point, arm.forward_kinematics(point) * pp.pose([0.02, 0.0, 0.0]))
+    for first, crossings in (([-0.115, -3.738, 1.24, -5.702, 0.227, 0.531], 2), ([0.5, -1.0, 1.5, -2.0, -0.5, 0.1], 0)):
+        into = pp.JointPath([first, point], arm.joint_names)
+        side = np.linspace(into.start, point, 400)[200:]  # the determinant changes its sign twice, or never
+        signs = np.sign(np.linalg.det(arm.jacobian_batch(side)))
+        assert np.count_nonzero(np.diff(signs)) == crossings
+        covers = blend_cover(Blend(share=0.5), arm, into, line.path)
+        assert (max(float(tolerance.max()) for _, tolerance in covers) >= np.pi) is bool(crossings)
+
+
 def test_joint_moves_on_one_line_are_blended_on_it_and_others_are_not() -> None:
     """At any shares of both moves, also with the rounding of a text; a corner of 1 mrad is one."""
     arm, rng = pp.load_robot("ur5").arm(tcp="tool0"), np.random.default_rng(11)

@@ -58,6 +58,9 @@ TURN_STEP = 1e-3
 TURN_ALLOWANCE = 1.25
 """Factor of the largest difference between the documented interpolations that is covered."""
 
+CELLS = 512
+"""Number of cells of two superposed moves above which a singularity between them is not excluded."""
+
 
 class LineTrace(NamedTuple):
     """The joint values along a line, and how far (rad) each joint may be off them; the reason if that is not known."""
@@ -185,6 +188,48 @@ def solve_poses(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Ar
         rows.append(q)
         norms.append(1.0 / values[-1])
     return np.array(rows), np.array(norms), reason
+
+
+def superposed_regular(arm: Arm, point: Array, one: Array, other: Array) -> bool:
+    """Return whether no superposition of two moves is proven to be singular, for the last six joints of an arm.
+
+    The configurations are ``point`` (n,) plus a change of ``one`` (k, n) and one of ``other`` (m, n), whose rows are at
+    equal shares of moves from 0, for shares that add up to at most 1. Let w_k bound the change of J for a unit change
+    of joint k: all columns up to k change by at most its lever, and those behind it are rotated. In a cell of both
+    moves, with the middle c, J is regular if its smallest singular value at c exceeds the sum of w_k |q_k - c_k|;
+    other cells are divided. The first joint rotates J, and J at a point on the last axis does not depend on the last
+    joint, so that neither decides whether J is singular.
+    """
+    scale, lever = np.array([1.0 / UNIT] * 3 + [1.0] * 3), levers(arm)[-6:] / UNIT
+    behind = np.array([(1.0 + lever[k + 1 :] ** 2).sum() for k in range(6)])
+    weights = np.sqrt(np.arange(1, 7) * lever**2 + behind)
+    sides, lengths = list[Array](), list[Array]()
+    for side in (one, other):
+        changes = side[:, -6:] * [0.0, 1.0, 1.0, 1.0, 1.0, 0.0]
+        sides.append(changes)
+        lengths.append(np.append(0.0, np.cumsum(np.abs(np.diff(changes, axis=0)) @ weights)))
+    # Lower ends and sizes of cells, in the weighted lengths of both moves
+    low, size = np.zeros((1, 2)), np.array([[lengths[0][-1], lengths[1][-1]]])
+    while len(low) <= CELLS:
+        q, shares = np.tile(point, (len(low), 1)), np.zeros(len(low))
+        for at, passed, changes in zip((low + size / 2.0).T, lengths, sides, strict=True):
+            q[:, -6:] += np.stack([np.interp(at, passed, column) for column in changes.T], axis=1)
+            shares += np.interp(at, passed, np.linspace(0.0, 1.0, len(passed)))
+        jacobians = scale[:, None] * arm.jacobian_batch(q)[:, :, -6:]
+        if len(set(np.sign(np.linalg.det(jacobians[shares <= 1.0])))) > 1:
+            return False
+        values = np.linalg.svd(jacobians, compute_uv=False)
+        left = values[:, -1] <= size.sum(axis=1) / 2.0 + SINGULAR * values[:, 0]
+        # Halves of the other cells, without those in which all shares add up to more than 1
+        low, size = low[left], size[left]
+        half = 0.5 * size * np.eye(2)[size.argmax(axis=1)]
+        low, size = np.concatenate([low, low + half]), np.concatenate([size - half, size - half])
+        rows = [np.searchsorted(passed, at) - 1 for at, passed in zip(low.T, lengths, strict=True)]
+        inside = sum(np.maximum(row, 0) / max(len(side) - 1, 1) for row, side in zip(rows, sides, strict=True)) < 1.0
+        low, size = low[inside], size[inside]
+        if not len(low):
+            return True
+    return False
 
 
 def _bounds(steps: Array, norms: Array, change: float, turn: float) -> tuple[float, float]:

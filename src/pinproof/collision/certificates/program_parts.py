@@ -18,7 +18,14 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.certificates.linear_traces import ROUNDED, LineTrace, levers, solve_poses, trace_line
+from pinproof.collision.certificates.linear_traces import (
+    ROUNDED,
+    LineTrace,
+    levers,
+    solve_poses,
+    superposed_regular,
+    trace_line,
+)
 from pinproof.model import Arm
 from pinproof.motion import (
     Blend,
@@ -249,8 +256,7 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> list
     most, solvable = inner * (1.0 - inner), arm.dof >= 6 and bool(arm.angular[-6:].all())
     linear = len(into.q) > 2 or len(out.q) > 2
     if solvable and linear:  # across a singularity the difference is not proportional to the shares
-        reached = (point, *(point + side[-1] for side in sides), point + 0.5 * (sides[0][-1] + sides[1][-1]))
-        solvable = len({np.sign(np.linalg.det(arm.jacobian(q)[:, -6:])) for q in reached}) == 1
+        solvable = superposed_regular(arm, point, *sides)
     for shares in SUPERPOSED:
         used = [max(round(share * (len(side) - 1)), 1) for side, share in zip(sides, shares, strict=True)]
         changes = [side[k] for side, k in zip(sides, used, strict=True)]

@@ -269,6 +269,9 @@ SLOWER, RATES_KEPT = 1.0005, 1.001
 """By how much more moves are made slower, and up to which excess limits are kept: texts round joint values."""
 
 
+LONGER = (2.0, 1.5, 1.25)
+"""Lengths of lines that are tried beside the length that a pick states, by this length."""
+
 PARTS, DIVIDED, STOP = 16, 3, 0.25
 """Parts of a joint move whose speeds are compared, the most stops that divide it, and the seconds that each counts."""
 
@@ -279,16 +282,18 @@ class NoMoves(InputError):
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line of a stage, from the part outwards, and the share of it that must be straight."""
+    """The line of a stage, from the part outwards; its length and the least one, by the length that is stated."""
 
     stage: str
     path: JointPath
+    length: float
     straight: float
 
     def ends(self, *, entering: bool) -> Iterator[EndLine]:
-        """The linear moves next to the part, with the share of each that a zone may use, from the longest one."""
-        for share in (1.0,) if self.straight == 1.0 else (1.0, (1.0 + self.straight) / 2.0, self.straight):
-            count = max(round(share * (len(self.path.q) - 1)), 2)
+        """The linear moves next to the part, first the stated one, and the share of each that a zone may use."""
+        shares = (1.0, self.length, (self.length + 1.0) / 2.0, (1.0 + self.straight) / 2.0, self.straight)
+        for share in dict.fromkeys(shares):
+            count = max(math.ceil(share / self.length * (len(self.path.q) - 1) - 1e-9), 2)
             path = JointPath(self.path.q[: count + 1], self.path.joint_names)
             yield EndLine(path.reversed() if entering else path, min(0.5, max(0.0, 1.0 - self.straight / share)))
 
@@ -306,7 +311,8 @@ class PickMoves:
     """The moves of a pick by the names of the motions of its program.
 
     A free motion becomes joint moves, and the motions next to the part linear moves. A linear move may begin or end
-    nearer to the part than the motion does, as long as the share that must be straight remains, also beside the zone.
+    nearer to the part than the motion does, as long as the share that must be straight remains, also beside the zone,
+    or farther from it, where its zone has more space.
     """
 
     def __init__(
@@ -316,46 +322,57 @@ class PickMoves:
         self._arm, self._deviation, self._language = setup.checker.arm, deviation, language
         self._spare = 0  # of the at most 12 moves from home to home, those that the moves so far have not used
         self.moves: dict[str, list[JointMove | LinearMove]] = {segment.name: [] for segment in program.segments}
-        stretch, here = list[ProgramSegment](), program.segments[0].trajectory.start
-        for segment in program.segments:
-            stretch.append(segment)
-            if segment is program.segments[-1] or any(abs(event.time - segment.end) < 1e-9 for event in program.events):
-                self._parts = {
-                    own.name: part_again(
-                        self._task, self._member, program.certificates[own.certificate].name, own.trajectory
-                    )
-                    for own in stretch
-                }
-                here = self._add(stretch, here)
-                stretch = []
+        # The motions from stop to stop, with the linear moves at both ends
+        stops = [
+            k for k, own in enumerate(program.segments) if any(abs(e.time - own.end) < 1e-9 for e in program.events)
+        ]
+        bounds = [0, *(k + 1 for k in stops if k + 1 < len(program.segments)), len(program.segments)]
+        stretches = [program.segments[first:last] for first, last in pairwise(bounds)]
+        parts = [
+            {
+                own.name: part_again(
+                    self._task, self._member, program.certificates[own.certificate].name, own.trajectory
+                )
+                for own in stretch
+            }
+            for stretch in stretches
+        ]
+        lines = [
+            self._lines(stretch, own, first=k == 0)
+            for k, (stretch, own) in enumerate(zip(stretches, parts, strict=True))
+        ]
+        for stretch, self._parts, both in zip(stretches, parts, lines, strict=True):
+            self._add(stretch, both)
 
-    def _add(self, stretch: Sequence[ProgramSegment], here: Array) -> Array:
-        """Add the fastest moves from stop to stop, and return their end."""
+    def _lines(
+        self, stretch: Sequence[ProgramSegment], parts: Mapping[str, MotionPart], *, first: bool
+    ) -> tuple[_Line | None, _Line | None]:
+        """The lines with which the motion from a stop to the next one begins and ends."""
         pick, place, member = self._task.pick, self._task.place, self._member
-        returns = stretch[-1].name == RETURN
-        end, last = stretch[-1].trajectory.end, stretch[-2 if returns else -1].name
-        grasped = self.moves and any(self.moves.values())  # the moves before this stretch
+        here, end = stretch[0].trajectory.start, stretch[-1].trajectory.end
+        last = stretch[-2 if stretch[-1].name == RETURN else -1].name
         # The configurations at the outer ends of the lines in the motion
         outer = {own.name: own.trajectory.start if own.name in LINES_IN else own.trajectory.end for own in stretch}
-        out = into = None
-        if not grasped:  # towards the part
-            into = self._line("approach", outer, end, pick.before(self._task.grasp(member)), pick.approach)
-        elif last in ("leave", "retreat") or place is None:
-            stage = "leave" if last == "leave" else "retreat"
-            pose = (
-                place.after(self._task.release(member))
-                if last == "leave" and place
-                else pick.after(self._task.grasp(member))
-            )
-            out = self._line(stage, outer, here, pose, 1.0)
+        if first:  # towards the part
+            return None, self._line(parts, "approach", outer, end, pick.before(self._task.grasp(member)), pick.approach)
+        after = pick.after(self._task.grasp(member))
+        if last == "leave" and place:
+            return self._line(parts, "leave", outer, here, place.after(self._task.release(member)), 1.0), None
+        if last in ("leave", "retreat") or place is None:
+            return self._line(parts, last if last == "leave" else "retreat", outer, here, after, 1.0), None
+        before = place.before(self._task.release(member))
+        return (
+            self._line(parts, "retreat", outer, here, after, pick.retreat),
+            self._line(parts, "place", outer, end, before, place.approach),
+        )
+
+    def _add(self, stretch: Sequence[ProgramSegment], lines: tuple[_Line | None, _Line | None]) -> None:
+        """Add the fastest moves from stop to stop."""
+        out, into = lines
+        if out is not None and into is None and stretch[-1].name != RETURN:
+            best = self._within_limits((out.stage,), (None,), [ControllerMove(out.path)])
         else:
-            out = self._line("retreat", outer, here, pick.after(self._task.grasp(member)), pick.retreat)
-            into = self._line("place", outer, end, place.before(self._task.release(member)), place.approach)
-        if out is not None and into is None and not returns:
-            stages = (out.stage,)
-            best = self._within_limits(stages, (None,), [ControllerMove(out.path)])
-        else:
-            best = self._between(stretch, (here, end), (out, into))
+            best = self._between(stretch, (stretch[0].trajectory.start, stretch[-1].trajectory.end), lines)
         names = [segment.name for segment in stretch]
         for stage, blend, move, profile in zip(
             best.stages, best.blends, best.motion.moves, best.motion.profiles, strict=True
@@ -363,10 +380,17 @@ class PickMoves:
             self.moves[stage if stage in names else names[0]].append(
                 timed_step(self._arm, move, profile, blend, linear=stage not in FREE_MOTIONS)
             )
-        return np.asarray(best.motion.moves[-1].path.end)
 
-    def _line(self, stage: str, outer: Mapping[str, Array], q: Array, pose: SE3, length: float) -> _Line | None:
-        """The line of a stage from q (n,) at the part outwards; None if the pick has none."""
+    def _line(
+        self,
+        parts: Mapping[str, MotionPart],
+        stage: str,
+        outer: Mapping[str, Array],
+        q: Array,
+        pose: SE3,
+        length: float,
+    ) -> _Line | None:
+        """The line of a stage from q (n,) at the part outwards, longer than stated if possible; None if it has none."""
         if not length:
             return None
         # External axes move at the rate of the motion, in which the line may be shorter, or all of them rest
@@ -376,14 +400,32 @@ class PickMoves:
         travel = np.where(self._arm.angular[:-6], 0.0, max(longer, 1.0) * (far[:-6] - rest))
         trace = trace_line(self._arm, q, target, rest + travel)
         if trace.reason and travel.any():
-            trace = trace_line(self._arm, q, target)
+            trace, travel = trace_line(self._arm, q, target), np.zeros_like(travel)
         straight = 1.0 if stage in self._task.pick.speed else self._task.cell.shared.straight
         if trace.reason and straight < 1.0 < longer:  # the motion leaves the line before its end, which is out of reach
             straight = min(1.0, straight * longer)
             trace = trace_line(self._arm, q, self._arm.forward_kinematics(far), far[:-6])
         if trace.reason:
             raise NoMoves(f"pick {self._task.pick.name!r}: the {stage} cannot be a linear move: {trace.reason}")
-        return _Line(stage, trace.path, straight)
+        part = parts.get(stage, next(iter(parts.values())))
+        deviation = 0.0 if part.parting else self._deviation
+        towards = stage in LINES_IN
+        # The stated line ends where the arm has left the part; a zone may need more space
+        for share in LONGER:
+            beyond = SE3(target.rotation, here + share * (target.translation - here))
+            further = trace_line(self._arm, q, beyond, rest + share * travel)
+            path = further.path.reversed() if towards else further.path
+            inside = bool((path.q >= self._arm.limits.lower).all() and (path.q <= self._arm.limits.upper).all())
+            if further.reason or not inside:
+                continue
+            if prove_part(part, path, deviation + further.tolerance if deviation else 0.0).free:
+                return _Line(stage, further.path, share, straight)
+        line = _Line(stage, trace.path, 1.0, straight)
+        *_, least = line.ends(entering=towards)
+        if not (proof := prove_part(part, least.path, deviation)).free:
+            what = f"the {stage} is not proven collision-free with a deviation of {deviation:g} rad: {proof.message}"
+            raise NoMoves(f"pick {self._task.pick.name!r}: {what}")
+        return line
 
     def _between(
         self, stretch: Sequence[ProgramSegment], ends: tuple[Array, Array], lines: tuple[_Line | None, _Line | None]

@@ -127,6 +127,31 @@ def test_the_cover_of_a_blend_contains_curves_of_joints_and_of_the_tcp_in_its_zo
     assert count > 90
 
 
+def test_a_blend_beside_a_turntable_contains_poses_superposed_in_its_axes() -> None:
+    table = (
+        '<link name="floor"/><joint name="table" type="revolute"><parent link="floor"/><child link="world"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="1.5" effort="100"/></joint></robot>'
+    )
+    arm = pp.load_robot(pp.load_robot("ur5").urdf.text.replace("</robot>", table)).arm(tcp="tool0")
+    rng = np.random.default_rng(63)
+    point = np.append(0.0, np.array([0.0, -1.2, 1.6, -1.9, -1.57, 0.0]) + 0.2 * rng.normal(size=6))
+    line = trace_line(arm, point, arm.forward_kinematics(point) * pp.pose(0.25 * rng.normal(size=3))).path
+    change = np.concatenate([[rng.choice([-1, 1]) * rng.uniform(1, 3)], 0.5 * rng.normal(size=6)])
+    covers = blend_cover(Blend(share=0.5), arm, pp.JointPath([point + change, point], arm.joint_names), line)
+    still, dense = pp.load_robot("ur5").arm(tcp="tool0"), np.linspace(0.0, 1.0, 60)[:, None]
+    for share in (0.25, 0.5, 0.75):
+        one = point + 0.5 * (1.0 - share) * change
+        other = np.array([np.interp(0.5 * share, np.linspace(0, 1, len(line.q)), column) for column in line.q.T])
+        first, second = (still.forward_kinematics(q[1:]) for q in (one, other))
+        middle = still.forward_kinematics(point[1:])
+        place = first.translation + second.translation - middle.translation
+        turned = first.rotation @ middle.rotation.T @ second.rotation
+        q = solved(still, (one + other - point)[1:], pp.spatial.SE3(turned, place))
+        q = np.append(one[0] + other[0], q)
+        apart = [(np.abs(a + dense * (b - a) - q) / t).max(axis=1).min() for c, t in covers for a, b in pairwise(c.q)]
+        assert min(apart) <= 1.0
+
+
 def test_a_blend_of_a_linear_move_across_a_singularity_has_no_known_extent() -> None:
     arm = pp.load_robot("ur5").arm()
     point = np.array([-1.667, -2.745, -2.464, 1.459, -0.076, -2.179])

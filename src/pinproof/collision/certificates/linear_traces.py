@@ -58,8 +58,8 @@ TURN_STEP = 1e-3
 TURN_ALLOWANCE = 1.25
 """Factor of the largest difference between the documented interpolations that is covered."""
 
-CELLS = 512
-"""Number of cells of two superposed moves above which a singularity between them is not excluded."""
+CELLS, FIRST_CELL = 512, 0.5
+"""Number of cells of two superposed moves above which a singularity is not excluded, and the size of the first ones."""
 
 
 class LineTrace(NamedTuple):
@@ -95,15 +95,28 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3, external: Array | None =
     length, angle = float(np.linalg.norm(shift - carried)) / UNIT, float(np.linalg.norm(turn))
     whole, between = float(np.hypot(length, angle)), interpolation_difference(turn)
     change = np.sqrt(6.0 * (1.0 + (levers(arm)[-6:] / UNIT) ** 2).sum())
-    count, reason = max(FEWEST, int(whole / 0.01) + 1), ""
+    scale, known = np.array([1.0 / UNIT] * 3 + [1.0] * 3), list[Array]()
+    count = max(FEWEST, int(whole / 0.04) + 1)
     while count <= MOST:
         shares = np.linspace(0.0, 1.0, count + 1)
         poses = [
             pin.SE3(first.rotation @ pin.exp3(s * turn), first.translation + s * (shift - carried)) for s in shares
         ]
-        q, inverse, reason = solve_poses(arm, start, poses)
+        # One after the other, or between those of fewer samples
+        near = None
+        for rows in known[-1:]:
+            grid = np.linspace(0.0, 1.0, len(rows))
+            guess = np.stack([np.interp(shares, grid, column) for column in rows.T], axis=1)
+            near = solve_near(arm, guess, np.array([pose.homogeneous for pose in poses]))
+        q, reason = solve_poses(arm, start, poses) if near is None else (near, "")
+        # The smallest singular values bound the inverse of the Jacobian
         if reason:
             return LineTrace(nothing, 0.0, reason)
+        values = np.linalg.svd(scale[:, None] * arm.jacobian_batch(q)[:, :, -6:], compute_uv=False)
+        if (values[:, -1] < SINGULAR * values[:, 0]).any():
+            return LineTrace(nothing, 0.0, "the arm is singular on it")
+        inverse = 1.0 / values[:, -1]
+        known.append(q)
         steps, norms = np.linalg.norm(np.diff(q, axis=0), axis=1), np.maximum(inverse[1:], inverse[:-1])
         chord, tube = _bounds(steps, norms, change, between)
         if chord <= CHORD and np.isfinite(tube):
@@ -159,35 +172,33 @@ def levers(arm: Arm) -> Array:
     return np.abs(arm.scale).T @ [each.get(row + 1, 0.0) for row in range(len(arm.scale))]
 
 
-def solve_poses(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, Array, str]:
-    """The joint values (k, n) at poses, each solved from the previous one, and (k,) the norms of the inverse of J."""
-    scale = np.array([1.0 / UNIT] * 3 + [1.0] * 3)
-    rows, norms, q, reason = list[Array](), list[float](), start.copy(), ""
+def solve_poses(arm: Arm, start: Array, poses: list[pin.SE3]) -> tuple[Array, str]:
+    """The joint values (k, n) at poses, each solved from the previous one, and why not all could be."""
+    rows, q = list[Array](), start
     for pose in poses:
-        for _ in range(ATTEMPTS):  # Newton's method
-            here = arm.forward_kinematics(q)
-            turn = here.rotation @ pin.log3(here.rotation.T @ pose.rotation)
-            error = scale * np.concatenate([pose.translation - here.translation, turn])
-            jacobian = scale[:, None] * arm.jacobian(q)[:, -6:]
-            if np.abs(error).max() <= SOLVED:
-                break
-            try:
-                q = np.concatenate([q[:-6], q[-6:] + np.linalg.solve(jacobian, error)])
-            except np.linalg.LinAlgError:
-                reason = "the arm is singular on it"
-                break
-        else:
-            reason = "the arm cannot follow it"
-        if reason:
-            break
-        # The smallest singular value bounds the inverse of the Jacobian.
-        values = np.linalg.svd(jacobian, compute_uv=False)
-        if values[-1] < SINGULAR * values[0]:
-            reason = "the arm is singular on it"
-            break
+        solved = solve_near(arm, q[None], pose.homogeneous[None])
+        if solved is None:
+            return np.array(rows).reshape(-1, len(start)), "the arm cannot follow it"
+        q = solved[0]
         rows.append(q)
-        norms.append(1.0 / values[-1])
-    return np.array(rows), np.array(norms), reason
+    return np.array(rows), ""
+
+
+def solve_near(arm: Arm, q: Array, poses: Array) -> Array | None:
+    """The joint values (k, n) at poses (k, 4, 4), each solved from a row of q (k, n) near it; None if one is not."""
+    scale, q = np.array([1.0 / UNIT] * 3 + [1.0] * 3), q.copy()
+    for _ in range(ATTEMPTS):  # Newton's method, with the sine of the rotation that is left
+        here, error = arm.forward_kinematics_batch(q), np.empty((len(q), 6))
+        left = poses[:, :3, :3] @ here[:, :3, :3].swapaxes(1, 2)
+        error[:, :3] = poses[:, :3, 3] - here[:, :3, 3]
+        error[:, 3:] = 0.5 * (left[:, [2, 0, 1], [1, 2, 0]] - left[:, [1, 2, 0], [2, 0, 1]])
+        if max(np.abs(scale * error).max(), np.abs(left - np.eye(3)).max()) <= SOLVED:
+            return q
+        try:
+            q[:, -6:] += np.linalg.solve(arm.jacobian_batch(q)[:, :, -6:], error[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:
+            break
+    return None
 
 
 def superposed_regular(arm: Arm, point: Array, one: Array, other: Array) -> bool:
@@ -209,8 +220,16 @@ def superposed_regular(arm: Arm, point: Array, one: Array, other: Array) -> bool
         sides.append(changes)
         lengths.append(np.append(0.0, np.cumsum(np.abs(np.diff(changes, axis=0)) @ weights)))
     # Lower ends and sizes of cells, in the weighted lengths of both moves
-    low, size = np.zeros((1, 2)), np.array([[lengths[0][-1], lengths[1][-1]]])
+    counts = [min(int(own[-1] / FIRST_CELL) + 1, 16) for own in lengths]
+    size = np.tile([own[-1] / count for own, count in zip(lengths, counts, strict=True)], (counts[0] * counts[1], 1))
+    low = size * np.indices(counts).reshape(2, -1).T
     while len(low) <= CELLS:
+        # Without those in which all shares add up to more than 1
+        rows = [np.searchsorted(passed, at) - 1 for at, passed in zip(low.T, lengths, strict=True)]
+        inside = sum(np.maximum(row, 0) / max(len(side) - 1, 1) for row, side in zip(rows, sides, strict=True)) < 1.0
+        low, size = low[inside], size[inside]
+        if not len(low):
+            return True
         q, shares = np.tile(point, (len(low), 1)), np.zeros(len(low))
         for at, passed, changes in zip((low + size / 2.0).T, lengths, sides, strict=True):
             q[:, -6:] += np.stack([np.interp(at, passed, column) for column in changes.T], axis=1)
@@ -218,17 +237,12 @@ def superposed_regular(arm: Arm, point: Array, one: Array, other: Array) -> bool
         jacobians = scale[:, None] * arm.jacobian_batch(q)[:, :, -6:]
         if len(set(np.sign(np.linalg.det(jacobians[shares <= 1.0])))) > 1:
             return False
+        # Halves of the cells that are not proven
         values = np.linalg.svd(jacobians, compute_uv=False)
         left = values[:, -1] <= size.sum(axis=1) / 2.0 + SINGULAR * values[:, 0]
-        # Halves of the other cells, without those in which all shares add up to more than 1
         low, size = low[left], size[left]
         half = 0.5 * size * np.eye(2)[size.argmax(axis=1)]
         low, size = np.concatenate([low, low + half]), np.concatenate([size - half, size - half])
-        rows = [np.searchsorted(passed, at) - 1 for at, passed in zip(low.T, lengths, strict=True)]
-        inside = sum(np.maximum(row, 0) / max(len(side) - 1, 1) for row, side in zip(rows, sides, strict=True)) < 1.0
-        low, size = low[inside], size[inside]
-        if not len(low):
-            return True
     return False
 
 

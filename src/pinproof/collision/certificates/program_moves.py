@@ -196,16 +196,17 @@ class _MovesSearch:
                 numbers,
                 True,
                 key=lambda k: (
-                    not proven or all(self._proven(*part) for part in blend_cover(self._zones[k], self._arm, into, out))
+                    not proven
+                    or all(
+                        self._proven(*part)  # those with the largest tolerances fail first
+                        for part in sorted(
+                            blend_cover(self._zones[k], self._arm, into, out), key=lambda part: -float(part[1].max())
+                        )
+                    )
                 ),
             )
             self._corners[key] = numbers[first] if first < len(numbers) else len(self._zones)
         return self._corners[key]
-
-    def _blend_proven(self, blend: Blend, into: JointPath, out: JointPath) -> bool:
-        """Whether all strips of a blend are proven; those with the largest tolerances fail first."""
-        strips = blend_cover(blend, self._arm, into, out)
-        return all(self._proven(*part) for part in sorted(strips, key=lambda part: -float(part[1].max())))
 
     def made(self, choice: _Choice, *, proven: bool = True) -> BlendedMoves | None:
         """The moves of a choice with their largest zones; None if a move is not proven."""

@@ -22,7 +22,7 @@ from pinproof.collision.certificates.linear_traces import (
     ROUNDED,
     LineTrace,
     levers,
-    solve_poses,
+    solve_near,
     superposed_regular,
     trace_line,
 )
@@ -251,26 +251,31 @@ def blend_cover(blend: Blend, arm: Arm, into: JointPath, out: JointPath) -> list
     rows = [JointPath(point + one[row] + other[along], into.joint_names) for row in at]
     # Superposed poses of the tcp, for shares of both sides that add up to at most 1; the difference of joint values is
     # nearly proportional to the product of both shares, u (1 - u) in a row
-    here, apart, strips = arm.forward_kinematics(point), np.zeros(arm.dof), len(at) - 1
+    apart, strips = np.zeros(arm.dof), len(at) - 1
     inner = np.clip(0.5, *((np.arange(strips + 1)[:, None] + [-0.5, 0.5]) / strips).T)
     most, solvable = inner * (1.0 - inner), arm.dof >= 6 and bool(arm.angular[-6:].all())
     linear = len(into.q) > 2 or len(out.q) > 2
-    if solvable and linear:  # across a singularity the difference is not proportional to the shares
-        solvable = superposed_regular(arm, point, *sides)
-    for shares in SUPERPOSED:
-        used = [max(round(share * (len(side) - 1)), 1) for side, share in zip(sides, shares, strict=True)]
-        changes = [side[k] for side, k in zip(sides, used, strict=True)]
-        joined = point + changes[0] + changes[1]
-        ends = [arm.forward_kinematics(point + change) for change in changes]
-        turn = pin.log3(here.rotation.T @ ends[0].rotation) + pin.log3(here.rotation.T @ ends[1].rotation)
-        place = ends[0].translation + ends[1].translation - here.translation
-        pose = pin.SE3(here.rotation @ pin.exp3(turn), place)
-        q, _, reason = solve_poses(arm, joined, [pose]) if solvable else (np.zeros(0), 0, "unknown")
-        if reason:
+    # Up to a singularity; of the tcp in the axes of the base, and in those of an external axis that rotates
+    solvable = solvable and (not linear or superposed_regular(arm, point, *sides))
+    last = np.array([len(side) - 1 for side in sides])
+    used = np.maximum(np.round(np.array(SUPERPOSED) * last).astype(int), 1)
+    for moved in (True, False) if arm.angular[:-6].any() else (True,):
+        changes = [side[numbers] for side, numbers in zip(sides, used.T, strict=True)]
+        for change in changes:
+            change[:, :-6] *= moved
+        here, joined, q = arm.forward_kinematics(point), point + changes[0] + changes[1], None
+        if solvable:
+            first, second = (arm.forward_kinematics_batch(point + change) for change in changes)
+            poses = first + second - here.homogeneous
+            for k, both in enumerate(zip(first, second, strict=True)):
+                turn = sum(pin.log3(here.rotation.T @ pose[:3, :3]) for pose in both)
+                poses[k, :3, :3] = here.rotation @ pin.exp3(turn)
+            q = solve_near(arm, joined, poses)
+        if q is None:
             apart, most = np.where(arm.angular, np.pi, extent) if linear else extent, np.ones(strips + 1)
             break
-        product = used[0] * used[1] / ((len(sides[0]) - 1) * (len(sides[1]) - 1))
-        apart = np.maximum(apart, CARTESIAN * np.abs(q[0] - joined) / product)
+        differences = np.abs(q - joined) / (used / last).prod(axis=1, keepdims=True)
+        apart = np.maximum(apart, CARTESIAN * differences.max(axis=0))
     short, long = (np.abs(side).max(axis=0) for side in (one, other))
     widened = OTHER_CURVES * np.maximum(short, long * (short.max() / max(float(long.max()), 1e-12)))
     return [(row, between + widened + share * apart) for row, share in zip(rows, most, strict=True)]

@@ -269,7 +269,7 @@ SLOWER, RATES_KEPT = 1.0005, 1.001
 """By how much more moves are made slower, and up to which excess limits are kept: texts round joint values."""
 
 
-LONGER = (2.0, 1.5, 1.25)
+LONGER = (2.0, 1.25)
 """Lengths of lines that are tried beside the length that a pick states, by this length."""
 
 PARTS, DIVIDED, STOP = 16, 3, 0.25
@@ -370,7 +370,8 @@ class PickMoves:
         """Add the fastest moves from stop to stop."""
         out, into = lines
         if out is not None and into is None and stretch[-1].name != RETURN:
-            best = self._within_limits((out.stage,), (None,), [ControllerMove(out.path)])
+            stated = next(out.ends(entering=False)).path
+            best = self._within_limits((out.stage,), (None,), [ControllerMove(stated)])
         else:
             best = self._between(stretch, (stretch[0].trajectory.start, stretch[-1].trajectory.end), lines)
         names = [segment.name for segment in stretch]
@@ -410,6 +411,11 @@ class PickMoves:
         part = parts.get(stage, next(iter(parts.values())))
         deviation = 0.0 if part.parting else self._deviation
         towards = stage in LINES_IN
+        line = _Line(stage, trace.path, 1.0, straight)
+        *_, least = line.ends(entering=towards)
+        if not (proof := prove_part(part, least.path, deviation)).free:
+            what = f"the {stage} is not proven collision-free with a deviation of {deviation:g} rad: {proof.message}"
+            raise NoMoves(f"pick {self._task.pick.name!r}: {what}")
         # The stated line ends where the arm has left the part; a zone may need more space
         for share in LONGER:
             beyond = SE3(target.rotation, here + share * (target.translation - here))
@@ -420,11 +426,6 @@ class PickMoves:
                 continue
             if prove_part(part, path, deviation + further.tolerance if deviation else 0.0).free:
                 return _Line(stage, further.path, share, straight)
-        line = _Line(stage, trace.path, 1.0, straight)
-        *_, least = line.ends(entering=towards)
-        if not (proof := prove_part(part, least.path, deviation)).free:
-            what = f"the {stage} is not proven collision-free with a deviation of {deviation:g} rad: {proof.message}"
-            raise NoMoves(f"pick {self._task.pick.name!r}: {what}")
         return line
 
     def _between(

@@ -268,6 +268,33 @@ def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
     assert not checker.is_free(np.zeros(3))
 
 
+def test_a_wall_beside_a_carriage_on_an_empty_root_is_checked(arm_from_links):
+    ball, still, limit = '<sphere radius="0.1"/>', "0 0 0", '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    robot = arm_from_links(
+        {"world": "", "wall": '<box size="0.1 1 1"/>@0.5 0 0', "carriage": ball, "bed": '<box size="3 1 0.1"/>'},
+        [
+            ("fix", "fixed", "world", "wall", still, "1 0 0"),
+            ("lay", "fixed", "world", "bed", still, "1 0 0"),
+            ("rail", "prismatic", "world", "carriage", still, "1 0 0", limit),
+        ],
+    )
+    checker = pp.CollisionChecker(robot.arm(tcp="carriage"))
+    assert checked(checker) == {frozenset(("wall", "carriage"))}
+    assert not checker.is_free([0.5])
+    sampled = "adjacent: joined by a joint; in contact in all 2,000 sampled configurations"
+    assert reasons(checker)[frozenset(("carriage", "bed"))] == sampled
+
+
+def test_a_tool_on_a_link_without_geometry_is_checked_against_the_link_before(arm_from_links):
+    joint = ("bend", "revolute", "arm", "hand", "0 0 0.5", "0 1 0")
+    robot = arm_from_links({"arm": '<box size="0.05 0.05 0.4"/>@0 0 0.2', "hand": ""}, [joint])
+    rod = pp.Obstacle("rod", pp.Box(0.02, 0.02, 0.3), pp.pose((0, 0, 0.16)))
+    checker = pp.CollisionChecker(robot.arm(tcp="hand"), attached=[rod])
+    assert checked(checker) == {frozenset(("arm", "rod"))}
+    assert checker.is_free([0.0])
+    assert not checker.is_free([3.1])
+
+
 @pytest.mark.parametrize("kinds", [("prismatic", "revolute"), ("revolute", "prismatic")])
 def test_links_on_both_sides_of_an_empty_prismatic_link_are_not_adjacent(arm_from_links, kinds):
     robot = arm_from_links(

@@ -1,7 +1,7 @@
 """The parts of a checker: its bodies, the pairs that are checked, and the excluded pairs with the reasons.
 
-Links connected by one joint touch by design and are not checked. Pairs that an SRDF disables, and links that are
-separated only by links without geometry in one joint housing, are excluded only if they touch in every sampled
+The two links of a joint touch by design and are not checked. Pairs that an SRDF disables, and links, or attached
+objects, that are separated only by links without geometry, are excluded only if they touch in every sampled
 configuration (:mod:`pinproof.collision.checking.links`), or if no joint of the arm moves them relative to each other. A
 scene or a caller can allow contacts. Other pairs that an SRDF or a planning scene disables, as ``Never`` in contact or
 without a reason, are checked unless the caller trusts them. Every exclusion is listed with its reason.
@@ -376,7 +376,9 @@ class _Neighbours:
             between = [*between, b.link]
         solid_between = any(link in self._solid for link in between)
         if len(moving) == 1 and not solid_between:
-            return "adjacent: joined by a joint", False
+            # Only the links of the joint itself touch by design. A wall and a carriage that are both fixed to an empty
+            # root, or an attached object on a link without geometry, may be hit by the motion of the joint.
+            return "adjacent: joined by a joint", bool(between)
         both_links = a.owner == a.link and b.owner == b.link
         disabled = self._disabled.get(frozenset((a.owner, b.owner))) if both_links else None
         if disabled is not None:

@@ -165,6 +165,13 @@ def test_a_blend_of_a_linear_move_across_a_singularity_has_no_known_extent() -> 
         assert (max(float(tolerance.max()) for _, tolerance in covers) >= np.pi) is crossed
 
 
+def test_a_line_from_a_singular_pose_is_called_so() -> None:
+    arm = pp.load_robot("ur5").arm()
+    for q in ([0.0, -1.0, 1.4, -2.0, 0.0, 0.0], [0.0, -1.0, 0.0, -2.0, 1.0, 0.0]):  # wrist and elbow
+        trace = trace_line(arm, np.array(q), arm.forward_kinematics(np.array(q)) * pp.pose([0.02, 0.02, -0.02]))
+        assert trace.reason == "the arm is singular on it"
+
+
 def test_a_side_of_a_blend_that_crosses_singularities_twice_is_noticed() -> None:
     arm = pp.load_robot("ur5").arm()
     point = np.array([0.261, -0.829, 1.369, -2.215, -0.117, -0.101])

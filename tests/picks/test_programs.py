@@ -203,10 +203,11 @@ def test_a_carried_part_is_gripped_at_the_grasp_and_released_at_the_place(report
     switched = [(k, step.on) for k, step in enumerate(steps) if isinstance(step, SetOutput)]
     assert [on for _, on in switched] == [True, False]
     assert [step.seconds for step in steps if isinstance(step, Wait)] == [0.5, 0.25]
-    ends = [motion.trajectory.end for motion in verdict.motions if motion.name in ("approach", "place")]
+    ends = [motion.trajectory.end for motion in verdict.motions if motion.name in ("approach", "place", "leave")]
     arm = report.setup.checker.arm
-    for (k, _), q in zip(switched, ends, strict=True):
-        reached = steps[k - 1].pose if steps[k - 1].q is None else arm.forward_kinematics(steps[k - 1].q)
+    stops = [*(steps[k - 1] for k, _ in switched), made.program.moves[-1]]  # the line that leaves is as long as stated
+    for stop, q in zip(stops, ends, strict=True):
+        reached = stop.pose if stop.q is None else arm.forward_kinematics(stop.q)
         assert np.linalg.norm(reached.translation - arm.forward_kinematics(q).translation) < 1e-4
     # Few moves, linear next to the part, in little more time than the motion takes
     moves = made.program.moves

@@ -109,12 +109,12 @@ def trace_line(arm: Arm, start: Array, target: pin.SE3, external: Array | None =
             guess = np.stack([np.interp(shares, grid, column) for column in rows.T], axis=1)
             near = solve_near(arm, guess, np.array([pose.homogeneous for pose in poses]))
         q, reason = solve_poses(arm, start, poses) if near is None else (near, "")
-        # The smallest singular values bound the inverse of the Jacobian
-        if reason:
-            return LineTrace(nothing, 0.0, reason)
+        # The smallest singular values bound the inverse of the Jacobian; from a singular pose the next is not solved
         values = np.linalg.svd(scale[:, None] * arm.jacobian_batch(q)[:, :, -6:], compute_uv=False)
         if (values[:, -1] < SINGULAR * values[:, 0]).any():
             return LineTrace(nothing, 0.0, "the arm is singular on it")
+        if reason:
+            return LineTrace(nothing, 0.0, reason)
         inverse = 1.0 / values[:, -1]
         known.append(q)
         steps, norms = np.linalg.norm(np.diff(q, axis=0), axis=1), np.maximum(inverse[1:], inverse[:-1])

@@ -282,19 +282,21 @@ class NoMoves(InputError):
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The line of a stage, from the part outwards; its length and the least one, by the length that is stated."""
+    """The line of a stage, from the part outwards, the least share of it, and a longer one, by its length."""
 
     stage: str
     path: JointPath
-    length: float
     straight: float
+    longer: JointPath
+    length: float = 1.0
 
     def ends(self, *, entering: bool) -> Iterator[EndLine]:
         """The linear moves next to the part, first the stated one, and the share of each that a zone may use."""
         shares = (1.0, self.length, (self.length + 1.0) / 2.0, (1.0 + self.straight) / 2.0, self.straight)
         for share in dict.fromkeys(shares):
-            count = max(math.ceil(share / self.length * (len(self.path.q) - 1) - 1e-9), 2)
-            path = JointPath(self.path.q[: count + 1], self.path.joint_names)
+            whole, length = (self.path, 1.0) if share <= 1.0 else (self.longer, self.length)
+            count = max(math.ceil(share / length * (len(whole.q) - 1) - 1e-9), 2)
+            path = JointPath(whole.q[: count + 1], whole.joint_names)
             yield EndLine(path.reversed() if entering else path, min(0.5, max(0.0, 1.0 - self.straight / share)))
 
 
@@ -370,8 +372,7 @@ class PickMoves:
         """Add the fastest moves from stop to stop."""
         out, into = lines
         if out is not None and into is None and stretch[-1].name != RETURN:
-            stated = next(out.ends(entering=False)).path
-            best = self._within_limits((out.stage,), (None,), [ControllerMove(stated)])
+            best = self._within_limits((out.stage,), (None,), [ControllerMove(out.path)])
         else:
             best = self._between(stretch, (stretch[0].trajectory.start, stretch[-1].trajectory.end), lines)
         names = [segment.name for segment in stretch]
@@ -411,7 +412,7 @@ class PickMoves:
         part = parts.get(stage, next(iter(parts.values())))
         deviation = 0.0 if part.parting else self._deviation
         towards = stage in LINES_IN
-        line = _Line(stage, trace.path, 1.0, straight)
+        line = _Line(stage, trace.path, straight, trace.path)
         *_, least = line.ends(entering=towards)
         if not (proof := prove_part(part, least.path, deviation)).free:
             what = f"the {stage} is not proven collision-free with a deviation of {deviation:g} rad: {proof.message}"
@@ -425,7 +426,7 @@ class PickMoves:
             if further.reason or not inside:
                 continue
             if prove_part(part, path, deviation + further.tolerance if deviation else 0.0).free:
-                return _Line(stage, further.path, share, straight)
+                return replace(line, longer=further.path, length=share)
         return line
 
     def _between(

@@ -9,7 +9,7 @@ from benchmarks.plain_coal import PlainCoal
 
 import pinproof as pp
 from pinproof import _core
-from pinproof.collision.checking.links import Overlaps, _configuration, _touch
+from pinproof.collision.checking.links import Overlaps, _Samples, _touch
 from pinproof.collision.checking.movers import with_movers
 from pinproof.collision.geometry.bodies import shape_body
 from pinproof.spatial import SE3
@@ -149,8 +149,8 @@ def test_samples_of_joints_are_within_their_ranges_and_followers_follow() -> Non
             ("after", "revolute", limit.format(-9, 9), '<mimic joint="j_hinge" multiplier="-2" offset="0.5"/>'),
         )
     ).robot  # fmt: skip
-    rng = np.random.default_rng(0)
-    q = np.array([_configuration(robot.model, robot.urdf, rng) for _ in range(300)])
+    samples = _Samples(robot)
+    q = np.array([samples.configuration(i) for i in range(300)])
 
     def column(name: str) -> np.ndarray:
         joint = robot.model.joints[robot.model.getJointId(robot.urdf.model_joint(f"j_{name}"))]

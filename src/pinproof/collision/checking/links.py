@@ -8,6 +8,7 @@ triangles, the pair is checked with several hulls each, or with the triangles, i
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +33,7 @@ from pinproof.common.files import write_text_whole
 from pinproof.common.results import Rows, Shown, View
 from pinproof.common.structs import described, key
 from pinproof.common.validation import require_integer
-from pinproof.description import DisabledPair, LinkGeometry, Urdf, read_mesh, resolved, srdf_text
+from pinproof.description import DisabledPair, LinkGeometry, read_mesh, resolved, srdf_text
 from pinproof.errors import InputError, MeshError, UnknownNameError
 from pinproof.model import Robot
 
@@ -370,7 +371,23 @@ class _Samples:
     """Random configurations of all joints of a robot, and the cached overlaps of its links."""
 
     def __init__(self, robot: Robot) -> None:
-        self._model, self._urdf = robot.model, robot.urdf
+        self._model, joints = robot.model, robot.urdf.joints
+        # Joints that lead others and follow none have a random value within their limits; others follow them (mimic)
+        kinds = {"revolute": np.pi, "continuous": np.pi, "prismatic": 1.0}
+        leading = {name: kinds[own.type] for name, own in joints.items() if own.mimic is None and own.type in kinds}
+        following = {
+            name: own.mimic for name, own in joints.items() if own.mimic is not None and own.mimic.leader in leading
+        }
+        at = {
+            name: self._model.joints[self._model.getJointId(robot.urdf.model_joint(name))].idx_q
+            for name in (*leading, *following)
+        }
+        self._leading, self._ranges = [at[name] for name in leading], list[tuple[float, float]]()
+        for name, wide in leading.items():
+            low, high = joints[name].lower, joints[name].upper
+            endless = joints[name].type == "continuous"
+            self._ranges.append((-wide if low is None or endless else low, wide if high is None or endless else high))
+        self._following = [(at[name], at[own.leader], own.multiplier, own.offset) for name, own in following.items()]
         self.overlaps: dict[Any, Overlap] = {}
         self._data = self._model.createData()
         self._placements: dict[tuple[int, str | None], pin.SE3] = {}
@@ -379,15 +396,23 @@ class _Samples:
         self._placed_at = -1
         self._lock = threading.Lock()  # all threads share the workspace
 
+    def configuration(self, i: int) -> npt.NDArray[np.float64]:
+        """The random configuration of a sample; floating joints are neutral."""
+        while len(self._configurations) <= i:
+            q = pin.neutral(self._model)
+            q[self._leading] = [self._rng.uniform(low, high) for low, high in self._ranges]
+            for index, leader, multiplier, offset in self._following:
+                q[index] = multiplier * q[leader] + offset
+            self._configurations.append(q)
+        return self._configurations[i]
+
     def placement(self, i: int, body: Body) -> pin.SE3:
         """``root_from_body`` of a body that moves with a link at sample ``i``."""
         key = i, body.link
         with self._lock:
             if key not in self._placements:
-                while len(self._configurations) <= i:
-                    self._configurations.append(_configuration(self._model, self._urdf, self._rng))
                 if self._placed_at != i:
-                    pin.forwardKinematics(self._model, self._data, self._configurations[i])
+                    pin.forwardKinematics(self._model, self._data, self.configuration(i))
                     self._placed_at = i
                 frame = self._model.getFrameId(body.link, pin.FrameType.BODY)
                 self._placements[key] = pin.updateFramePlacement(self._model, self._data, frame).copy()
@@ -403,38 +428,15 @@ def _samples_of(robot: Robot) -> _Samples:
     return _SAMPLES[robot]
 
 
-def _configuration(model: Any, urdf: Urdf, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """Return a random configuration of all joints: mimic joints follow their leaders, floating joints are neutral."""
-    joints = urdf.joints
-    q = pin.neutral(model)
-    values = {}
-    # Joints that lead others and follow none have a random value within their limits.
-    for name, joint in joints.items():
-        if joint.mimic is None and joint.type in ("revolute", "continuous", "prismatic"):
-            open_range = 1.0 if joint.type == "prismatic" else np.pi
-            lower = -open_range if joint.lower is None or joint.type == "continuous" else joint.lower
-            upper = open_range if joint.upper is None or joint.type == "continuous" else joint.upper
-            values[name] = rng.uniform(lower, upper)
-    for name, joint in joints.items():
-        if joint.mimic is not None and joint.mimic.leader in values:
-            value = joint.mimic.multiplier * values[joint.mimic.leader] + joint.mimic.offset
-        elif name in values:
-            value = values[name]
-        else:
-            continue
-        q[model.joints[model.getJointId(urdf.model_joint(name))].idx_q] = value
-    return np.asarray(q)
-
-
 def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3) -> bool:
     """Whether two bodies touch, or one is inside the watertight mesh of the other."""
     # Bodies whose bounding balls are apart do not touch.
-    one, other = (at.rotation @ c.box.mean(axis=0) + at.translation for c, at in ((a, root_from_a), (b, root_from_b)))
-    radii = [float(np.linalg.norm(body.box[1] - body.box[0])) / 2 for body in (a, b)]
-    if (one - other) @ (one - other) > (radii[0] + radii[1] + 1e-6) ** 2:
+    placed = ((a, root_from_a), (b, root_from_b))
+    one, other = (at.rotation @ (0.5 * (body.box[0] + body.box[1])) + at.translation for body, at in placed)
+    if math.dist(one, other) > 0.5 * (math.dist(*a.box) + math.dist(*b.box)) + 1e-6:
         return False
-    placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
-    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], coal.CollisionRequest(), coal.CollisionResult()):
+    there = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
+    if coal.collide(a.geometry, there[0], b.geometry, there[1], coal.CollisionRequest(), coal.CollisionResult()):
         return True
     return one_inside_other(a, root_from_a, b, root_from_b)
 

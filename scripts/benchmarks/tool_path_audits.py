@@ -250,8 +250,8 @@ def best_of_tries(checker, path: ToolPath, settings: dict, plan: FollowPlan, rng
     tried = min(cost(arm, path, free, where, poses, q) for q in rows) if alive.any() else None
     if tried is None or not plan.ok or len(plan.pieces) > 1:
         return bool(alive.any()), tried, None
-    # The motion where it has travelled the same share of its way; where it rounds corners, it is not at these poses,
-    # which those of the tries are
+    # The configurations after the same share of the length; where the motion rounds corners, its tool is not at these
+    # poses, unlike that of the tries
     motion = plan.trajectory(np.linspace(0.0, plan.duration, MOTION))
     at, wanted = travelled(arm.forward_kinematics_batch(motion)), travelled(poses)
     own = np.column_stack([np.interp(wanted, at, column) for column in motion.T])
@@ -273,10 +273,10 @@ def least_turned(poses: np.ndarray) -> np.ndarray:
 
 
 def travelled(poses: np.ndarray) -> np.ndarray:
-    """(k,) the share of its way that a tool has travelled at poses (k, 4, 4), with the rotation of its axis."""
+    """(k,) the share of the length travelled at each of the poses (k, 4, 4); the rotation of the axis adds length."""
     change = np.diff(poses, axis=0)
-    way = np.linalg.norm(change[:, :3, 3], axis=1) + ARM_OF_AXIS * np.linalg.norm(change[:, :3, 2], axis=1)
-    return np.append(0.0, np.cumsum(way)) / max(float(way.sum()), 1e-12)
+    length = np.linalg.norm(change[:, :3, 3], axis=1) + ARM_OF_AXIS * np.linalg.norm(change[:, :3, 2], axis=1)
+    return np.append(0.0, np.cumsum(length)) / max(float(length.sum()), 1e-12)
 
 
 def lifted(pose: np.ndarray, lengths: np.ndarray) -> np.ndarray:

@@ -111,7 +111,7 @@ def test_the_target_is_dragged_by_the_mouse_and_the_arm_follows(visit, written, 
     assert np.linalg.norm(after.translation - before.translation) > 0.03
     assert np.allclose(after.rotation, before.rotation, atol=1e-6)
     assert np.allclose(page.evaluate(PLACE % tuple(after.translation)), (start[0] - 60, start[1] - 40), atol=8)
-    # all branches of the closed form, one after the other; a wrist turned by half a turn is as near either way round
+    # all branches of the closed form, one after the other; a wrist half a revolution away is as near in both directions
     every = pp.AnalyticIk().solve_all(ur5, after, q).branches
     assert page.text("#live-reason") == f"Solution 1 of {len(every)}."
     for _ in every:

@@ -20,7 +20,7 @@ from pinproof.cell.sequencing.sequence import judge_options
 from pinproof.cell.sequencing.tour import TourProblem, arc_bound
 from pinproof.cell.sequencing.transits import MotionFailure, SequencedPick, StepMotions, scene_after
 from pinproof.description import robots_folder
-from pinproof.picks import GraspSpin, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
+from pinproof.picks import GraspSpin, GripperFingers, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 
 ROOT = Path(__file__).parents[2]
 DOWN = (np.pi, 0.0, 0.0)
@@ -405,3 +405,35 @@ def test_a_pick_is_in_the_sequence_though_its_nearest_releases_are_in_contact() 
     result = pp.sequence(setup, only.picks)
     assert result.order == ("over_the_wall",)
     assert not result.left_out
+
+
+@pytest.mark.parametrize("stands", ["beside the block", "beside its place"])
+def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(stands: str) -> None:
+    """The pin is between the open and the closed finger, so that neither end of the closing motion touches it."""
+    fingers = tuple(
+        pp.Obstacle(f"f{k}", pp.Box(0.015, 0.01, 0.05), pp.pose((0, y, 0.13))) for k, y in ((1, 0.005), (2, -0.005))
+    )
+    places = (
+        [(0.45, 0.228, 0.022), (0.6, 0.0, 0.022)]
+        if stands == "beside the block"
+        else [(0.6, 0.0, 0.022), (0.45, -0.172, 0.022)]
+    )
+    picks = []
+    for name, (at, to), yaw in (("block", [(0.45, 0.2, 0.022), (0.45, -0.2, 0.022)], 0.0), ("pin", places, np.pi / 2)):
+        grasp, release = (pp.pose(xyz, (np.pi, 0, yaw)) for xyz in (at, to))
+        place = PlaceTarget(release, approach=0.08, retreat=0.08)
+        picks.append(pp.Pick(name, grasp, approach=0.08, retreat=0.08, carried=name, place=place))
+    parts = [
+        pp.Obstacle("block", pp.Box(0.02, 0.02, 0.04), pp.pose((0.45, 0.2, 0.017))),
+        pp.Obstacle("pin", pp.Cylinder(radius=0.002, length=0.04), pp.pose((*places[0][:2], 0.017))),
+    ]
+    hand = GripperFingers(bodies=fingers, opening=0.08)
+    shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.145)), fingers=hand, margin=0.001)
+    setup = cell(shared, pp.Scene([TABLE, *parts], allowed=[("base_link", "table")]))
+    only = pp.cell.SequenceBudget(options=1, motion=0, refinements=0)
+    possible = ["pin", "block"] if stands == "beside the block" else ["block", "pin"]
+    assert pp.sequence(setup, picks, budget=only).or_raise().order == tuple(possible)
+    wrong = pp.sequence(setup, picks, budget=only, order=possible[::-1])
+    (left,) = wrong.left_out
+    assert left.name == "block"
+    assert "fingers move: f2 penetrates pin" in left.reason

@@ -42,7 +42,8 @@ from pinproof.picks.input.sources import (
 from pinproof.picks.input.tools import Hand as Hand, HandValues as HandValues, Tool as Tool
 from pinproof.picks.judging.configurations import TURN as TURN, limit_margin as limit_margin
 from pinproof.picks.judging.grasp import (
-    GraspCandidate as GraspCandidate, PickCheck as PickCheck, reach as reach, screen as screen,
+    GraspCandidate as GraspCandidate, PickCheck as PickCheck, closing_words as closing_words, reach as reach,
+    screen as screen,
 )  # fmt: skip
 from pinproof.picks.judging.grip import (
     CupContact as CupContact, FingerContact as FingerContact, GripResult as GripResult, PlacedSurface as PlacedSurface,

@@ -29,6 +29,7 @@ from pinproof.picks import (
     Release,
     Stage,
     StageResult,
+    closing_words,
     motion_parts,
     part_of,
     peaks_of,
@@ -103,6 +104,13 @@ class StepMotions:
         member, place, joints = option.attempt.candidate.member, task.place, task.arm.joint_names
         seeds = setup.rng(step.index).integers(2**31, size=4).tolist()
         carrying, release = task.carrying(member), option.release
+        # The fingers move beside the parts of this moment; the options know only the parts that stay
+        if task.name is not None and task.cell.fingers:
+            moving = [("grip", task.closing(member), option.attempt.q)]
+            moving += [] if release is None else [("release", task.opening(member), release.q)]
+            for name, checker, at in moving:
+                if not (found := checker.check(at)).free:
+                    return MotionFailure(name, closing_words(task, member, found), found.contacts[0].bodies)
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, option.pick.support))
         # Transit and transfer: the known motions if they are proven free in this scene, else new paths
         again = {name: _again(part_of(task, member, name), known) for name in ("transit", "transfer")}

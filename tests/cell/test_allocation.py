@@ -12,6 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.cell.allocation.allocate import AllocationRun
 from pinproof.cell.allocation.common_clock import TICK, ArmAxis, shortest_waits
+from pinproof.cell.sequencing.precedence import AT_PLACE
 from pinproof.collision import PairMargin, audit
 
 FILE = Path(__file__).parents[2] / "robots" / "two_ur5" / "picks.yaml"
@@ -168,6 +169,9 @@ def test_margins_of_the_scene_and_of_the_picks_apply_to_each_arm_and_between_arm
     assert margin(run.apart.carrying((), {}), *forearms) == {0.07}
     assert margin(run.setups["left"].checker, *forearms) == {0.07}
     assert margin(run.setups["left"].checker, "left/forearm_link", obstacle) == {0.01}
+    # the parts of the other arm are obstacles at their places too, with the same margins
+    placed = pp.Obstacle(f"{obstacle}{AT_PLACE}", pp.Sphere(radius=0.02), pp.pose((0, 0.3, 0.05)))
+    assert margin(run._setup("left", [placed]).checker, "left/forearm_link", placed.name) == {0.01}
 
 
 @pytest.mark.slow
@@ -207,6 +211,31 @@ def test_pick_that_no_arm_can_execute_is_left_out_with_the_reason_of_each(cell) 
     assert "right: " in left.reason
     with pytest.raises(pp.NoAnswer, match="part_4_2"):
         result.or_raise()
+
+
+@pytest.mark.parametrize("later", ["leaves out", "fails"])
+def test_a_later_allocation_that_leaves_out_a_pick_or_fails_does_not_replace_the_first(
+    cell, monkeypatch, later
+) -> None:
+    group, scene, picks = cell
+    slow = {"approach": pp.picks.ToolSpeed(linear_speed=0.01)}
+    far = {"pose": pp.pose((0.8, 0.3, 0.05), (np.pi, 0, 0)), "carried": None, "place": None, "speed": slow}
+    chosen = some(picks, "part_2_2", "part_5_2", part_2_2={"carried": None, "place": None}, part_5_2=far)
+    allocations = iter([("left", "right"), ("left", "left"), ("left", "right")])
+    monkeypatch.setattr(AllocationRun, "allocation", lambda self: next(allocations))
+    if later == "fails":
+        sequences = AllocationRun.sequences
+
+        def failing(self, allocation):
+            if allocation == ("left", "left"):
+                raise pp.NoAnswer("no order was found")
+            return sequences(self, allocation)
+
+        monkeypatch.setattr(AllocationRun, "sequences", failing)
+    budget = pp.cell.SequenceBudget(options=1, motion=0, refinements=0)
+    result = pp.cell.allocate(group, scene, chosen, compare=False, budget=budget)
+    assert result.ok
+    assert {each.arm: each.picks for each in result} == {"left": ("part_2_2",), "right": ("part_5_2",)}
 
 
 def test_unknown_arm_is_refused_with_the_valid_ones(cell, tmp_path) -> None:

@@ -437,3 +437,18 @@ def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(st
     (left,) = wrong.left_out
     assert left.name == "block"
     assert "fingers move: f2 penetrates pin" in left.reason
+
+
+def test_objects_that_picks_state_themselves_are_not_covered_before_these_picks() -> None:
+    picks = []
+    for name, (at, to) in {"first": ((0.5, 0.2), (0.3, -0.45)), "second": ((0.5, 0.0), (0.5, -0.3))}.items():
+        grasp, release = (pp.pose((*xy, 0.2), DOWN) for xy in (at, to))
+        high = pp.Obstacle(f"of_{name}", pp.Box(0.05, 0.05, 0.2), pp.pose((0, 0, 0.1002)))
+        place = PlaceTarget(release, approach=0.06, retreat=0.06)
+        picks.append(pp.Pick(name, grasp, approach=0.06, retreat=0.06, carried=high, place=place))
+    setup = cell(pp.Picks(picks, **LANCE), pp.Scene([TABLE], allowed=[("base_link", "table")]))
+    only = pp.cell.SequenceBudget(options=1, motion=0, refinements=0)
+    result = pp.sequence(setup, picks, order=["first", "second"], budget=only).or_raise()
+    assert all("of_second" not in motion.scene for motion in result.steps[0].verdict.motions)
+    assert any("the objects of second before" in note for note in result.notes)
+    assert not any("the objects of" in note for note in pp.sequence(setup, picks[:1], budget=only).notes)

@@ -7,7 +7,7 @@ where they would meet (:mod:`pinproof.cell.allocation.common_clock`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any, TypeVar
@@ -21,7 +21,7 @@ from pinproof.cell.sequencing.options import Job
 from pinproof.cell.sequencing.precedence import AT_PLACE, Precedence
 from pinproof.cell.sequencing.sequence import SequenceBudget, judge_options, sequence
 from pinproof.cell.sequencing.sequence_result import LeftOut, SequenceResult
-from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.collision import CollisionChecker, Obstacle, PairMargin, Scene
 from pinproof.common.validation import Rng, require_type
 from pinproof.errors import InputError, NoAnswer, UnknownNameError
 from pinproof.model import PART, JointGroup, Payload
@@ -268,7 +268,20 @@ class AllocationRun:
             for body in self.shared[name].always_mounted.open_tool:
                 tools.append(replace(body, pose=world_from_tcp * body.pose))
                 allowed += [(link, body.name) for link in of_arm]
-        scene = replace(self.scene, obstacles=(*self.scene.obstacles, *tools, *others), allowed=tuple(allowed))
+        # the parts of the others have the margins that are stated for them at their places too
+        stated = {frozenset(own.between): own.margin for own in (*self.scene.margins, *self.picks.margins)}
+        margins = [
+            PairMargin((*pair - {part}, body.name), margin)
+            for body in others
+            for pair, margin in stated.items()
+            if (part := body.name.partition(AT_PLACE)[0]) in pair
+        ]
+        scene = replace(
+            self.scene,
+            obstacles=(*self.scene.obstacles, *tools, *others),
+            allowed=tuple(allowed),
+            margins=(*self.scene.margins, *margins),
+        )
         shared = replace(self.shared[arm], picks=self.picks.picks)  # whose parts may be named by margins
         return PickSetup.make(still, scene, shared, home=None, rng=self.rng)
 
@@ -356,9 +369,19 @@ class AllocationRun:
             if chosen in seen:
                 break
             seen.add(chosen)
-            results = self.sequences(chosen)
+            try:
+                results = self.sequences(chosen)
+            except (InputError, NoAnswer):  # this allocation is not possible, but one before it may be
+                if not tried:
+                    raise
+                break
             tried.append((time_together(self.apart, self.home, results, self.order), results))
-        return min(tried, key=lambda pair: (not pair[0].free, pair[0].trajectory.duration))
+
+        def worth(timing: Timing, results: Mapping[str, SequenceResult]) -> tuple[bool, int, float]:
+            left_out = sum(len(result.left_out) for result in results.values())
+            return not timing.free, left_out, timing.trajectory.duration
+
+        return min(tried, key=lambda pair: worth(*pair))
 
     # -- the programs -------------------------------------------------------------------------------------------------
 

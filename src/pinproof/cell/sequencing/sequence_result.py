@@ -13,7 +13,7 @@ from pathlib import Path
 from pinproof.cell.pages import MOST_FRAMES, RATE, CellRow, write_cell_page
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.windings import CableTwist, home_of_budgeted, twists, unwound
-from pinproof.collision import Certificate, Scene, proven_millimetres
+from pinproof.collision import Certificate, Obstacle, Scene, proven_millimetres
 from pinproof.common import structs as st
 from pinproof.common.files import csv_text
 from pinproof.common.results import Answer, Rows, Saved, View, Written, markdown
@@ -465,6 +465,10 @@ class SequenceResult(Answer, Saved, Written):
     def notes(self) -> tuple[str, ...]:
         """What the certificates do not cover."""
         notes = self.setup.not_covered({step.pick.carried is not None for step in self.steps})
+        # Objects that picks state themselves appear with their picks
+        later = [step.pick.name for step in self.steps[1:] if isinstance(step.pick.carried, Obstacle)]
+        if later:
+            notes = (*notes, f"the objects of {', '.join(later)} before these picks, which state them themselves")
         # The open hands of successive picks may differ
         opened = []
         for before, step in pairwise(self.steps):

@@ -302,8 +302,15 @@ class Overlaps:
         return self._verdicts[pair]
 
     def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
-        """Return how often any of these bodies touch, each of which moves with a link; not cached."""
-        return self._confirmed(a, b, self._touching(a, b), AS_REQUESTED)
+        """Return how often any of these bodies touch, up to the first sample in which they do not; not cached.
+
+        Each body moves with a link.
+        """
+        samples = max(self._count, self._most)
+        for i in range(samples):
+            if not self._touch_at(i, a, b):
+                return Overlap(i, i + 1)
+        return Overlap(samples, samples)
 
     @property
     def settings(self) -> Hashable:

@@ -206,17 +206,15 @@ class PickCell:
         """
         checker, swept = self.checker, {body.name: of for of, bodies in self.swept.items() for body in bodies}
         excluded = {frozenset(pair.owners) for pair in checker.excluded}
-        moved = checker.with_attached(*(body for bodies in self.swept.values() for body in bodies))
-        owners = moved.obstacles_and_links
-        return with_gripper_margins(moved, self.shared, swept).allowing(
-            *(
-                (name, other)
-                for name, finger in swept.items()
-                for other in owners
-                if other not in swept
-                and (other == finger or other in self.swept or frozenset((finger, other)) in excluded)
-            )
+        moved = checker.spec.with_attached(*(body for bodies in self.swept.values() for body in bodies))
+        allowed = (
+            (name, other)
+            for name, finger in swept.items()
+            for other in checker.obstacles_and_links
+            if other == finger or other in self.swept or frozenset((finger, other)) in excluded
         )
+        # One change: without the allowed contacts, swept volumes and links would be sampled for contacts.
+        return checker.with_spec(with_gripper_margins(moved, self.shared, swept).allowing(*allowed))
 
     @cached_property
     def swept(self) -> dict[str, tuple[Obstacle, ...]]:
@@ -315,26 +313,25 @@ def gripper_links(arm: Arm, picks: Picks) -> tuple[str, ...]:
     return tuple(link for link in urdf.links if moved_by(urdf, link, grip) or moved_by(urdf, link, joints) == still)
 
 
-def with_gripper_margins(
-    checker: CollisionChecker, picks: Picks, swept: Mapping[str, str] | None = None
-) -> CollisionChecker:
-    """The checker with a margin of 0 for pairs within a gripper for which none is stated.
+def with_gripper_margins(spec: CheckerSpec, picks: Picks, swept: Mapping[str, str] | None = None) -> CheckerSpec:
+    """The specification with a margin of 0 for pairs within a gripper for which none is stated.
 
     ``swept`` names the finger of each swept volume, which has the margins of this finger.
     """
-    margins = checker.spec.margins
-    if not margins and (checker.margin == 0.0 or not (picks.grip or picks.tools)):
-        return checker
-    links = gripper_links(next(iter(checker.group.arms.values())), picks)
+    margins = spec.margins
+    if not margins and (spec.margin == 0.0 or not (picks.grip or picks.tools)):
+        return spec
+    links = gripper_links(next(iter(spec.arm.arms.values())), picks)
     wanted: dict[Any, float] = {frozenset(pair): 0.0 for pair in combinations(links, 2)} | dict(margins)
     for volume, finger in (swept or {}).items():
         wanted |= {pair - {finger} | {volume}: margin for pair, margin in wanted.items() if finger in pair}
-    return checker if wanted == margins else checker.with_spec(replace(checker.spec, margins=wanted))
+    return replace(spec, margins=wanted)
 
 
 def with_hand(checker: CollisionChecker, picks: Picks) -> CollisionChecker:
     """The checker of an arm with another hand, which is open."""
-    return with_gripper_margins(checker.with_held(picks.held).with_attached(*picks.open_tool), picks)
+    spec = checker.spec.with_held(picks.held).with_attached(*picks.open_tool)
+    return checker.with_spec(with_gripper_margins(spec, picks))
 
 
 def checker_of_picks(arm: JointGroup, scene: Scene, picks: Picks) -> CollisionChecker:
@@ -347,14 +344,14 @@ def checker_of_picks(arm: JointGroup, scene: Scene, picks: Picks) -> CollisionCh
     UnknownNameError
         If a margin of the scene or of the picks is for a body that does not exist.
     """
-    checker = CollisionChecker.of(spec_of_picks(arm, scene, picks))
+    checker = CollisionChecker.of(with_gripper_margins(spec_of_picks(arm, scene, picks), picks))
     names = {*checker.obstacles_and_links, *(body.name for tool in picks.tools.values() for body in tool.open_tool)}
     names |= {pick.carried.name for pick in picks.picks if isinstance(pick.carried, Obstacle)}
     for where, margins in (("the picks", picks.margins), (scene.where, scene.margins)):
         for name in (name for own in margins for name in own.between):
             if name not in names:
                 raise UnknownNameError("body", name, names, f"the margins of {where}")
-    return with_gripper_margins(checker, picks)
+    return checker
 
 
 def spec_of_picks(arm: JointGroup, scene: Scene, picks: Picks) -> CheckerSpec:

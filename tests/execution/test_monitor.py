@@ -135,6 +135,29 @@ def worst_deviation(swing, progress, q, dq, latency, position_error, velocity_er
     return worst
 
 
+@pytest.mark.parametrize("position_error", [0.0, 2e-4])
+def test_velocities_that_are_estimated_have_the_error_of_the_estimate(
+    checker, swing, certificate, position_error
+) -> None:
+    """The robot brakes and then accelerates within a tick, so that its mean velocity is below that at the end."""
+    limit, latency = checker.arm.limits.acceleration, 0.02
+    monitor = pp.Monitor(checker, swing, certificate=certificate, latency=latency, position_error=position_error)
+    rng, inside, s = np.random.default_rng(0), 0, np.linspace(0.0, latency, 21)[:, None]
+    for _ in range(150):
+        begin = rng.uniform(0.1, swing.duration - 0.1)
+        acceleration, noise = rng.choice([-1, 1], 6) * limit, rng.choice([-1, 1], (2, 6)) * position_error
+        q, dq = swing(begin) + rng.uniform(0.0, 0.015) * np.sign(acceleration), swing.velocity(begin)
+        monitor.update(-1.0, swing.start, np.zeros(6))
+        monitor.update(begin, q + noise[0])
+        for change in (-acceleration, acceleration):
+            q, dq = q + dq * latency / 2 + change * latency**2 / 8, dq + change * latency / 2
+        result = monitor.update(begin + latency, q + noise[1])
+        inside += result.inside
+        off = np.abs(q + dq * s + acceleration * s**2 / 2 - swing(result.progress + s[:, 0]))
+        assert not result.inside or off.max() <= 0.02
+    assert inside > 50
+
+
 @pytest.mark.parametrize(
     ("latency", "position_error", "velocity_error"),
     [(0.0, 0.002, 0.0), (0.02, 0.0, 0.0), (0.02, 0.003, 0.1), (0.01, np.arange(6) * 1e-3, np.arange(6) * 0.05)],

@@ -245,6 +245,25 @@ def test_the_bound_of_the_deviation_holds_for_random_motions(pair, baxter, seed)
     assert max(angles) <= 2 * np.arcsin(np.sqrt(sines))
 
 
+@pytest.mark.parametrize("tolerance", [0.01, 1.0, 3.0])
+def test_a_rotation_within_the_constraints_is_within_the_tolerance(pair, tolerance):
+    """About an axis in the plane of the two that are kept, each of them turns the least in relation to the rotation."""
+    group, q = pair.group, pair.group.home
+    there = group.tcp_placement(q, "right", "left")
+    for angle in np.array([0.999, 1.001]) * tolerance:
+        for axis in ([1, 1, 0], [1, -1, 0], [1, 0, 0], [1, 2, 1]):
+            turn = pin.SE3(pin.exp3(angle * np.array(axis) / np.linalg.norm(axis)), np.zeros(3))
+            place, *axes = held_together(
+                "right", "left", there * turn.inverse(), tolerance=1e-3, rotation_tolerance=tolerance
+            )
+            assert place.error(group, q) <= place.tolerance
+            kept = all(each.error(group, q) <= each.tolerance for each in axes)
+            assert not kept or angle <= tolerance
+            assert kept or angle > tolerance or axis[1] != axis[0]
+    with pytest.raises(pp.InputError, match="rotation_tolerance"):
+        held_together("right", "left", there, tolerance=1e-3, rotation_tolerance=np.pi)
+
+
 @pytest.mark.parametrize(
     ("grasps", "error", "named"),
     [

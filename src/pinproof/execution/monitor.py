@@ -18,6 +18,9 @@ a L, the position is q(L) + v_L r with r in [0, T / 2]. It differs from q + v (L
 
 The segment from q to q + v (L + T / 2) with this tolerance of each joint therefore covers the stop, and is certified.
 
+Estimated velocity. The difference quotient of two positions over a tick h is the mean velocity over it, with the errors
+of both positions. It differs from the velocity at its end by at most 2 p / h + a h / 2, which is w if it is larger.
+
 Frozen measurement. While q repeats exactly, a joint whose speed was at least u moves by at least u s - a s^2 / 2 in a
 time s up to u / a. If the sum since q last changed exceeds the tolerance, q is not the position of the robot.
 """
@@ -246,8 +249,9 @@ class Monitor(Shown):
         q
             (n,) measured positions (rad or m).
         dq
-            (n,) measured velocities. Default: the difference quotient of the last two measurements; at the first tick,
-            and if time has returned to 0 or less for the next execution, the velocity of the motion.
+            (n,) measured velocities. Default: the difference quotient of the last two measurements, with the error that
+            follows from the acceleration and the position error; at the first tick, and if time has returned to 0 or
+            less for the next execution, the velocity of the motion.
 
         Raises
         ------
@@ -261,12 +265,15 @@ class Monitor(Shown):
         at = floats("q", q, (len(names),))
         # Without measured velocities, they follow from the last measurement
         rate, progress = np.zeros(len(names)), min(max(time, 0.0), self._trajectory.duration)
+        rate_error = self._velocity_error
         if dq is not None:
             rate = floats("dq", dq, (len(names),))
         elif self._last is None or time <= 0.0 < self._last[0]:
             rate = np.asarray(self._trajectory.velocity(progress))
         elif time > self._last[0]:
-            rate = np.asarray((at - self._last[1]) / (time - self._last[0]))
+            tick = time - self._last[0]
+            rate = np.asarray((at - self._last[1]) / tick)
+            rate_error = np.maximum(rate_error, 2 * self._position_error / tick + self._acceleration * tick / 2)
         if self._last is not None and time <= self._last[0] and not time <= 0.0 < self._last[0]:
             rate = np.full(len(names), np.nan)  # the clock went back, or a measurement is repeated
         if not (np.isfinite(at).all() and np.isfinite(rate).all()):
@@ -280,19 +287,20 @@ class Monitor(Shown):
             name, unknown = names[int((moved / self._tolerance).argmax())], np.full(len(names), np.nan)
             return MonitorResult(MonitorStatus.INVALID, time, time, moved, name, np.inf, q=unknown, dq=unknown)
         # The deviation from the motion at this time or, if the robot is early or late, at the closest configuration
-        deviation = self._deviation(progress, at, rate)
+        deviation = self._deviation(progress, at, rate, rate_error)
         if (deviation > self._tolerance).any():
             closest = self._closest(at, progress)
-            other = self._deviation(closest, at, rate)
+            other = self._deviation(closest, at, rate, rate_error)
             if (other / self._tolerance).max() < (deviation / self._tolerance).max():
                 progress, deviation = closest, other
         if (deviation <= self._tolerance).all():
             return MonitorResult(MonitorStatus.INSIDE, time, progress, deviation, q=at, dq=rate)
         # Outside of the tube, the stop from the present state is judged
         j = int((deviation / self._tolerance).argmax())
-        path, tolerance, stop = self.stopping(at, rate)
+        path, tolerance, stop = self.stopping(at, rate, rate_error)
+        free = self.proves_stop(at, rate, rate_error=rate_error)
         return MonitorResult(
-            MonitorStatus.OUTSIDE_BRAKING_FREE if self.proves_stop(at, rate) else MonitorStatus.OUTSIDE,
+            MonitorStatus.OUTSIDE_BRAKING_FREE if free else MonitorStatus.OUTSIDE,
             time,
             progress,
             deviation,
@@ -305,20 +313,27 @@ class Monitor(Shown):
             rate,
         )
 
-    def stopping(self, q: Array, dq: Array) -> tuple[JointPath, Array, float]:
-        """Return the segment of a stop from a state, its tolerance (n,) in rad or m, and its duration (s)."""
+    def stopping(self, q: Array, dq: Array, rate_error: Array | None = None) -> tuple[JointPath, Array, float]:
+        """Return the segment of a stop from a state, its tolerance (n,) in rad or m, and its duration (s).
+
+        ``rate_error`` (n,) is the largest error of dq, by default the velocity error of the monitor.
+        """
         latency, limit = self._latency, self._acceleration
-        unknown = self._velocity_error + limit * latency  # of the velocity when the brakes act
+        rate_error = self._velocity_error if rate_error is None else rate_error
+        unknown = rate_error + limit * latency  # of the velocity when the brakes act
         braking = float(((np.abs(dq) + unknown) / limit).max())
         end = q + dq * (latency + braking / 2)
-        tolerance = self._position_error + self._velocity_error * latency + limit * latency**2 / 2
+        tolerance = self._position_error + rate_error * latency + limit * latency**2 / 2
         tolerance = tolerance + unknown * braking / 2
         path = JointPath([q, end] if (end != q).any() else [q], self._trajectory.joint_names)
         return path, tolerance, latency + braking
 
-    def proves_stop(self, q: Array, dq: Array, error: npt.ArrayLike = 0.0) -> bool:
-        """Whether a stop is proven collision-free from all positions that differ from q by at most ``error``."""
-        path, tolerance, stop = self.stopping(q, dq)
+    def proves_stop(self, q: Array, dq: Array, error: npt.ArrayLike = 0.0, *, rate_error: Array | None = None) -> bool:
+        """Whether a stop is proven collision-free from all positions that differ from q by at most ``error``.
+
+        ``rate_error`` is that of :meth:`stopping`.
+        """
+        path, tolerance, stop = self.stopping(q, dq, rate_error)
         return stop <= LONGEST_STOP and is_proven_free(
             path, self._checker, joint_tolerance=tolerance + np.asarray(error)
         )
@@ -377,13 +392,14 @@ class Monitor(Shown):
         self._speed = np.maximum(np.abs(dq) - self._velocity_error, 0.0)
         return self._moved
 
-    def _deviation(self, progress: float, q: Array, dq: Array) -> Array:
+    def _deviation(self, progress: float, q: Array, dq: Array, rate_error: Array | None = None) -> Array:
         """Return (n,) the largest deviation of each joint from the motion until the latency has passed."""
         error = q - self._trajectory(progress)
         if self._latency == 0.0:
             return np.asarray(np.abs(error) + self._spread)
         later = error + (dq - self._trajectory.velocity(progress)) * self._latency
-        return np.asarray(np.maximum(np.abs(error), np.abs(later)) + self._spread)
+        more = 0.0 if rate_error is None else (rate_error - self._velocity_error) * self._latency
+        return np.asarray(np.maximum(np.abs(error), np.abs(later)) + self._spread + more)
 
     def _closest(self, q: Array, time: float) -> float:
         """Return the time of the closest configuration of the motion in relation to the tolerances.

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from pinproof._core import Chain
 from pinproof._core import PathConstraint as CompiledConstraint
 from pinproof.common.structs import described, key
+from pinproof.common.validation import require_number
 from pinproof.errors import InputError
 from pinproof.model import Arm, JointGroup
 from pinproof.spatial import SE3, Array, finite, frozen, matrix, rigid
@@ -248,16 +249,17 @@ def held_together(
     """Return the constraints by which the tcps of two arms keep their relative pose, as if they held one object.
 
     The origin of the tcp of ``arm`` stays within ``tolerance`` (m) of its place in the tcp frame of ``relative_to``,
-    which ``pose`` is, and the rotation away from it within ``rotation_tolerance`` (rad): two of its axes keep their
-    direction within that angle divided by the square root of 2. For a rotation by an angle t about a unit vector n, an
-    axis e turns by an angle a with sin(a/2)^2 = sin(t/2)^2 (1 - (n . e)^2), and the sum over two perpendicular axes is
-    at least sin(t/2)^2.
+    which ``pose`` is, and the rotation away from it within ``rotation_tolerance`` (rad, below pi): two of its axes keep
+    their direction within an angle of about that divided by the square root of 2. For a rotation by an angle t about a
+    unit vector n, an axis e turns by an angle a with sin(a/2)^2 = sin(t/2)^2 (1 - (n . e)^2), and the sum over two
+    perpendicular axes is at least sin(t/2)^2.
     """
+    turn = require_number("rotation_tolerance", rotation_tolerance, "rad", above=0, below=math.pi)
     given = rigid("pose", pose)
     place = Within.box(given, (0.0, 0.0, 0.0), tolerance=tolerance)
     x, y = (
         Upright(
-            tolerance=rotation_tolerance / math.sqrt(2.0),
+            tolerance=2.0 * math.asin(math.sin(turn / 2.0) / math.sqrt(2.0)),
             axis_in_tcp=_vector(axis),
             up=_vector(given.rotation @ axis),
             arm=arm,

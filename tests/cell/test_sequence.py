@@ -18,7 +18,13 @@ from pinproof.cell import SequenceResult
 from pinproof.cell.sequencing.precedence import Precedence
 from pinproof.cell.sequencing.sequence import judge_options
 from pinproof.cell.sequencing.tour import TourProblem, arc_bound
-from pinproof.cell.sequencing.transits import MotionFailure, SequencedPick, StepMotions, scene_after
+from pinproof.cell.sequencing.transits import (
+    MotionFailure,
+    SequencedPick,
+    StepMotions,
+    closing_motion,
+    scene_after,
+)
 from pinproof.description import robots_folder
 from pinproof.picks import GraspSpin, GripperFingers, PickBudget, PickSetup, PickVerdict, PlaceTarget, SuctionCup
 
@@ -452,3 +458,22 @@ def test_objects_that_picks_state_themselves_are_not_covered_before_these_picks(
     assert all("of_second" not in motion.scene for motion in result.steps[0].verdict.motions)
     assert any("the objects of second before" in note for note in result.notes)
     assert not any("the objects of" in note for note in pp.sequence(setup, picks[:1], budget=only).notes)
+
+
+def test_motions_that_are_certified_again_and_the_last_one_have_their_torques() -> None:
+    setup, picks = tray_cell(STACK[2:], PALLET[2:])
+    setup = replace(setup, shared=replace(setup.shared, torque_limits=True))
+    (job,) = judge_options(setup, picks, pp.cell.SequenceBudget(options=1)).jobs
+    step = SequencedPick(setup.checker.scene, setup.home, job.options[0], 0, None, {})
+    first = StepMotions(setup).certified(step)
+    known = {motion.name: motion.trajectory for motion in first.motions}
+    again = StepMotions(setup).certified(replace(step, known=known))
+    for motion, same in zip(first.motions, again.motions, strict=True):
+        assert same.trajectory is motion.trajectory
+        assert len(same.torques) == 6
+        assert same.torques == motion.torques
+    scene, q = scene_after(step.scene, job, step.option), step.option.exit
+    made = closing_motion(setup, scene, q, setup.home, {}, picks[0])
+    kept = closing_motion(setup, scene, q, setup.home, {"transit": made.trajectory}, picks[0])
+    assert made.torques
+    assert kept.torques == made.torques

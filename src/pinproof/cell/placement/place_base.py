@@ -115,7 +115,8 @@ def place_base(
         The placements that are searched, and forbidden zones.
     moves_with_base
         Names of obstacles that keep their pose relative to the root link, such as a pedestal. They collide with the
-        other obstacles, unless ``scene.allowed`` lists the pair. To move the workpiece instead, name all others.
+        other obstacles, unless ``scene.allowed`` lists the pair, and with all links that move relative to them, even if
+        it lists these. To move the workpiece instead, name all others.
     choices
         Discrete alternatives, such as tools or robots, each of which is searched.
     objective

@@ -6,16 +6,17 @@ again in the present scene, and planned anew only if it is not proven free.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from pinproof.cell.sequencing.options import Job, PickOption
-from pinproof.collision import Scene
+from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.structs import described, key
 from pinproof.errors import TimingError
-from pinproof.motion import Bounds, JointPath, MotionLimits, Trajectory, least_times, time_parametrise
+from pinproof.motion import Bounds, JointPath, MotionLimits, RateConstraint, Trajectory, least_times, time_parametrise
 from pinproof.picks import (
     Member,
     MotionPart,
@@ -113,7 +114,8 @@ class StepMotions:
                     return MotionFailure(name, closing_words(task, member, found), found.contacts[0].bodies)
         attempt = replace(option.attempt, parting=task.supports(carrying, option.attempt.q, option.pick.support))
         # Transit and transfer: the known motions if they are proven free in this scene, else new paths
-        again = {name: _again(part_of(task, member, name), known) for name in ("transit", "transfer")}
+        limits = partial(rate_limits, task, member)
+        again = {name: _again(part_of(task, member, name), known, limits) for name in ("transit", "transfer")}
         path = JointPath(np.array([attempt.entrance]), joints)
         placing: Release | None = None
         if again["transit"] is None:
@@ -132,12 +134,12 @@ class StepMotions:
         # Every part is timed and certified; what is in contact first is named where that fails
         try:
             for part in motion_parts(task, attempt, path, placing, separate=True):
-                motion = again.get(part.name) or _again(part, known)
+                motion = again.get(part.name) or _again(part, known, limits)
                 if motion is None:
                     motion, why = time_part(task, part, attempt)
                     if motion is None:
-                        limits = part.checker.arm.limits
-                        timed = Trajectory.join(*(time_parametrise(curve, limits) for curve in part.curves))
+                        own = part.checker.arm.limits
+                        timed = Trajectory.join(*(time_parametrise(curve, own) for curve in part.curves))
                         contact = prove_part(part, timed).first_contact
                         return MotionFailure(part.name, why, () if contact is None else contact.bodies)
                 motions.append(motion)
@@ -148,7 +150,11 @@ class StepMotions:
         return _with_motions(good, motions)
 
 
-def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | None:
+RateLimits = Callable[[str, CollisionChecker], list[RateConstraint]]
+"""The limits beside those of the joints of a motion of this name with a checker."""
+
+
+def _again(part: MotionPart, known: Mapping[str, Trajectory], limits: RateLimits) -> PickMotion | None:
     """A known trajectory of a part, certified again; None if it does not exist or is not proven free."""
     trajectory = known.get(part.name)
     if trajectory is None:
@@ -156,8 +162,8 @@ def _again(part: MotionPart, known: Mapping[str, Trajectory]) -> PickMotion | No
     certificate = prove_part(part, trajectory)
     if not certificate.free:
         return None
-    around = part.checker
-    return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+    around, peaks = part.checker, peaks_of(limits(part.name, part.checker), trajectory)
+    return PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks)
 
 
 def closing_motion(
@@ -172,16 +178,16 @@ def closing_motion(
     """The certified motion with the empty hand of a pick from q (n,) to ``end`` (n,)."""
     cell = setup.cell.for_pick(pick)
     checker = cell.checker.with_scene(scene)
-    if (again := _again(MotionPart(name, (), checker), known)) is not None:
-        return again
     torques = torque_limits_of_tool(checker.arm, cell.shared)
+    rates: list[RateConstraint] = [] if torques is None else [torques]
+    if (again := _again(MotionPart(name, (), checker), known, lambda *_: rates)) is not None:
+        return again
     planner = planner_of(setup.budget.planner).limited_to(setup.budget.nodes)
-    rates = [] if torques is None else [torques]
     motion = plan(checker, q, end, planner=planner, rate_limits=rates, blend=False, budget=setup.budget.motion)
     if not motion.ok:
         return MotionFailure(name, f"to the end: {motion.message}")
-    around = checker.attached, checker.scene, checker.arm.held
-    return PickMotion(name, motion.trajectory, motion.certificate, *around)
+    around, peaks = (checker.attached, checker.scene, checker.arm.held), peaks_of(rates, motion.trajectory)
+    return PickMotion(name, motion.trajectory, motion.certificate, *around, peaks)
 
 
 def scene_after(scene: Scene, job: Job, option: PickOption) -> Scene:

@@ -245,6 +245,9 @@ def test_given_order_is_kept_and_an_impossible_one_is_refused() -> None:
     for some, settings, named in (
         (picks, {"order": ["pick_0", "pick_1", "pick_2"]}, "pick_1 must come before pick_0"),
         (picks, {"precedence": [("pick_9", "pick_0")]}, "pick_9"),
+        (picks, {"precedence": [("pick_0", "pick_1", "pick_2")]}, r"precedence\[0\].*pair of names"),
+        (picks, {"precedence": ["pick_0"]}, r"precedence\[0\].*pair of names"),
+        (picks, {"budget": PickBudget()}, "budget must be of type SequenceBudget"),
         ([first, first], {}, "repeated: pick_0"),
         ([first, replace(first, name="again")], {}, "same object 'box_0'"),
         ([replace(first, place=None)], {}, "no place"),

@@ -105,6 +105,7 @@ def allocate(
     require_type("group", group, JointGroup)
     require_type("picks", picks, Picks)
     require_type("scene", scene, Scene)
+    require_type("budget", budget, SequenceBudget, type(None))
     # arms that can move independently
     if len(group.ends) < 2:
         raise InputError("picks are allocated to several arms; for one arm use pinproof.sequence")

@@ -37,11 +37,16 @@ class Precedence:
         UnknownNameError
             If a pair names a pick that does not exist.
         InputError
-            If the pairs contradict each other; the message names a cycle.
+            If an item is no pair, or the pairs contradict each other; the message names a cycle.
         """
-        empty = cls(tuple(names))
-        reasons = {tuple(empty.index(name, "the precedence") for name in pair): "stated" for pair in pairs}
-        return cls(empty.names, reasons).checked()  # type: ignore[arg-type]  # pairs
+        empty, reasons = cls(tuple(names)), dict[Pair, str]()
+        for number, pair in enumerate(pairs):
+            both = tuple(pair) if isinstance(pair, Iterable) and not isinstance(pair, str) else ()
+            if len(both) != 2:
+                raise InputError(f"precedence[{number}] = {pair!r:.80}; it must be a pair of names of picks")
+            before, after = (empty.index(name, "the precedence") for name in both)
+            reasons[before, after] = "stated"
+        return cls(empty.names, reasons).checked()
 
     def index(self, name: str, where: str) -> int:
         """The index of a pick; UnknownNameError if it does not exist."""

@@ -115,6 +115,7 @@ def sequence(
         refuse_repeated("the order", names)
         if missing := [name for name in pairs.names if name not in names]:
             raise InputError(f"the order lacks {', '.join(missing)}; it must name every pick once")
+    require_type("budget", budget, SequenceBudget, type(None))
     budget = budget or SequenceBudget()
     setup = replace(setup, budget=replace(setup.budget, motion=budget.motion))
     limited = within_windings(setup, windings)

@@ -446,6 +446,11 @@ def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(st
     (left,) = wrong.left_out
     assert left.name == "block"
     assert "fingers move: f2 penetrates pin" in left.reason
+    assert not wrong.precedence.reasons
+    # from where the other pick begins, the impossible order is the shorter one
+    jobs = {job.pick.name: job for job in judge_options(setup, picks, only).jobs}
+    near = jobs[possible[1]].options[0].entrance
+    assert pp.sequence(setup, picks, start=near, end="free", budget=only).or_raise().order == tuple(possible)
 
 
 def test_objects_that_picks_state_themselves_are_not_covered_before_these_picks() -> None:

@@ -340,7 +340,7 @@ class SequenceRun:
 
     def _leave_out(self, failed: dict[int, str]) -> None:
         """Leave out jobs with a reason each, and all that must follow them."""
-        before, names, reasons = self.precedence.predecessors(), self.precedence.names, self.precedence.reasons
+        before, names, reasons = self.required.predecessors(), self.required.names, self.required.reasons
         out = dict(failed)
         while waiting := [i for i in range(len(names)) if i not in out and before[i] & out.keys()]:
             for i in waiting:
@@ -493,7 +493,7 @@ class SequenceRun:
             for failure, previous, option in failures:
                 name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
                 failed = f"{name}: {failure.part}: {failure.reason}"
-                problem = self._excluding(problem, failure, previous, option)
+                problem = self._excluding(problem, tour, failure, previous, option)
             # a job without any possible option is left out
             never = [k for k, choices in enumerate(problem.options) if not np.isfinite(problem.inner[choices]).any()]
             if never:
@@ -582,24 +582,32 @@ class SequenceRun:
                 made.closing, own["transit"] = closing, closing.trajectory
         return made, failures
 
-    def _excluding(self, problem: TourProblem, failure: MotionFailure, previous: int, option: int) -> TourProblem:
-        """The problem with more precedence if a part blocks the motion, else without the failed transit or option."""
+    def _excluding(
+        self, problem: TourProblem, tour: Tour, failure: MotionFailure, previous: int, option: int
+    ) -> TourProblem:
+        """The problem with more precedence if a part blocks the motion, else without the failed transit or option.
+
+        A given order is not changed, so that only options are excluded.
+        """
         if option == START:
             drop = self._unconnected(previous)
             return _without(problem, "inner", list(drop)) if drop else _without(problem, "end", previous)
-        # a part of another job blocks the motion: one of the two is executed first, unless that is a cycle
-        job = int(problem.job[option])
-        for name in failure.bodies:
+        # a part of another job blocks the motion: at its place after that job, and at its first position before it
+        job, position = int(problem.job[option]), {job: k for k, job in enumerate(tour.order)}
+        for name in failure.bodies if self.fixed_order is None else ():
             for blocking, owner in enumerate(self.jobs):
                 if blocking == job or name not in {place.name for place in owner.places}:
                     continue
-                for pair in ((blocking, job), (job, blocking)):
-                    if pair in self.precedence.reasons:
-                        continue
-                    more = self.precedence.with_pairs({pair: f"{name} blocks {self.jobs[job].pick.name}"})
-                    if not more.cycle():
-                        self.precedence = more
-                        return replace(problem, precedence=more)
+                pair = (job, blocking) if position[blocking] < position[job] else (blocking, job)
+                more = self.precedence.with_pairs({pair: f"{name} blocks {self.jobs[job].pick.name}"})
+                if not more.cycle():
+                    self.precedence = more
+                    return replace(problem, precedence=more)
+                # what blocks this option in both orders demands no order of the other ones
+                if pair[::-1] in self.precedence.reasons.keys() - self.required.reasons.keys():
+                    kept = {old: why for old, why in self.precedence.reasons.items() if old != pair[::-1]}
+                    self.precedence = replace(self.precedence, reasons=kept)
+                    problem = replace(problem, precedence=self.precedence)
         # a motion of the pick itself, or a transit, cannot be part of a tour
         drop = {option} if failure.part not in ("return", "transit") else self._unconnected(previous, option)
         if drop:

@@ -260,13 +260,17 @@ def _plot(panel: Panel, times: Array) -> str:
 
 def _points(x: Array, y: Array) -> str:
     """The points of a line, without points within :data:`FLAT` of the line between their neighbours."""
-    kept = [0]
-    for i in range(1, len(x) - 1):
+    xs, ys, kept = x.tolist(), y.tolist(), [0]
+    least, most = -math.inf, math.inf  # slopes from the last kept point with which all points since are within FLAT
+    for i in range(1, len(xs) - 1):
         first = kept[-1]
-        span = x[i + 1] - x[first]
-        slope = (y[i + 1] - y[first]) / span if span > 0.0 else math.inf
-        inner = slice(first + 1, i + 1)
-        if not math.isfinite(slope) or np.abs(y[first] + slope * (x[inner] - x[first]) - y[inner]).max() > FLAT:
+        run, rise, span = xs[i] - xs[first], ys[i] - ys[first], xs[i + 1] - xs[first]
+        if run > 0.0:
+            least, most = max(least, (rise - FLAT) / run), min(most, (rise + FLAT) / run)
+        elif abs(rise) > FLAT:
+            most = -math.inf
+        slope = (ys[i + 1] - ys[first]) / span if span > 0.0 else math.inf
+        if not (math.isfinite(slope) and least <= slope <= most):
             kept.append(i)
-    kept.append(len(x) - 1)
-    return " ".join(f"{x[i]:.1f},{y[i]:.1f}" for i in kept)
+            least, most = -math.inf, math.inf
+    return " ".join(f"{xs[i]:.1f},{ys[i]:.1f}" for i in (*kept, len(xs) - 1))

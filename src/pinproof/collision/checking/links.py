@@ -8,11 +8,10 @@ triangles, the pair is checked with several hulls each, or with the triangles, i
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, get_args
@@ -294,7 +293,7 @@ class Overlaps:
         """Return how often two links touch, on the level of detail on which the pair is to be checked."""
         pair = frozenset((a, b))
         if pair not in self._verdicts:
-            known = _samples_of(self._robot).overlaps
+            known = self._samples.overlaps
             key = pair, self._count, self._most, *sorted((link, self._links.meshes[link]) for link in pair)
             if key not in known:
                 known[key] = self._measured(a, b)
@@ -366,9 +365,18 @@ class Overlaps:
 
     def _touch_at(self, i: int, a: Sequence[Body], b: Sequence[Body]) -> bool:
         """Whether any bodies touch in sample ``i``."""
-        samples = _samples_of(self._robot)
-        placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
+        placed = [[(body, self._samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
         return any(_touch(*one, *other) for one in placed[0] for other in placed[1])
+
+    @cached_property
+    def _samples(self) -> _Samples:
+        """The samples, which all checkers of the robot share."""
+        if self._robot not in _SAMPLES:
+            _SAMPLES[self._robot] = _Samples(self._robot)
+        return _SAMPLES[self._robot]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_samples"}
 
     def __repr__(self) -> str:
         return f"Overlaps({self._robot.name!r})"
@@ -389,11 +397,12 @@ class _Samples:
             name: self._model.joints[self._model.getJointId(robot.urdf.model_joint(name))].idx_q
             for name in (*leading, *following)
         }
-        self._leading, self._ranges = [at[name] for name in leading], list[tuple[float, float]]()
+        self._leading, ranges = [at[name] for name in leading], list[tuple[float, float]]()
         for name, wide in leading.items():
             low, high = joints[name].lower, joints[name].upper
             endless = joints[name].type == "continuous"
-            self._ranges.append((-wide if low is None or endless else low, wide if high is None or endless else high))
+            ranges.append((-wide if low is None or endless else low, wide if high is None or endless else high))
+        self._lower, self._upper = np.array(ranges).reshape(-1, 2).T
         self._following = [(at[name], at[own.leader], own.multiplier, own.offset) for name, own in following.items()]
         self.overlaps: dict[Any, Overlap] = {}
         self._data = self._model.createData()
@@ -407,7 +416,7 @@ class _Samples:
         """The random configuration of a sample; floating joints are neutral."""
         while len(self._configurations) <= i:
             q = pin.neutral(self._model)
-            q[self._leading] = [self._rng.uniform(low, high) for low, high in self._ranges]
+            q[self._leading] = self._rng.uniform(self._lower, self._upper)
             for index, leader, multiplier, offset in self._following:
                 q[index] = multiplier * q[leader] + offset
             self._configurations.append(q)
@@ -416,8 +425,8 @@ class _Samples:
     def placement(self, i: int, body: Body) -> pin.SE3:
         """``root_from_body`` of a body that moves with a link at sample ``i``."""
         key = i, body.link
-        with self._lock:
-            if key not in self._placements:
+        if key not in self._placements:
+            with self._lock:
                 if self._placed_at != i:
                     pin.forwardKinematics(self._model, self._data, self.configuration(i))
                     self._placed_at = i
@@ -429,18 +438,12 @@ class _Samples:
 _SAMPLES: WeakKeyDictionary[Robot, _Samples] = WeakKeyDictionary()
 
 
-def _samples_of(robot: Robot) -> _Samples:
-    if robot not in _SAMPLES:
-        _SAMPLES[robot] = _Samples(robot)
-    return _SAMPLES[robot]
-
-
 def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3) -> bool:
     """Whether two bodies touch, or one is inside the watertight mesh of the other."""
     # Bodies whose bounding balls are apart do not touch.
-    placed = ((a, root_from_a), (b, root_from_b))
-    one, other = (at.rotation @ (0.5 * (body.box[0] + body.box[1])) + at.translation for body, at in placed)
-    if math.dist(one, other) > 0.5 * (math.dist(*a.box) + math.dist(*b.box)) + 1e-6:
+    (one, one_radius), (other, other_radius) = a.ball, b.ball
+    apart = root_from_a.act(one) - root_from_b.act(other)
+    if apart.dot(apart) > (one_radius + other_radius + 1e-6) ** 2:
         return False
     there = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
     if coal.collide(a.geometry, there[0], b.geometry, there[1], coal.CollisionRequest(), coal.CollisionResult()):

@@ -385,10 +385,11 @@ class _Neighbours:
             claim = _by_srdf(disabled)
         else:
             # A prismatic joint moves its child link out of the housing.
-            given = self._rules.housing
-            length = self._length(moving)
+            if solid_between or (up and down) or any(joint.type == "prismatic" for joint in moving):
+                return "", False
+            given, length = self._rules.housing, self._length(moving)
             housing = HOUSING_SHARE * self._robot.size_around(a.link) if given is None else given
-            if solid_between or (up and down) or length > housing or any(joint.type == "prismatic" for joint in moving):
+            if length > housing:
                 return "", False
             claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints "
             claim += f"{length * 1e3:.3g} mm apart (one housing: at most {housing * 1e3:.3g} mm)"

@@ -291,6 +291,11 @@ class Body:
         return b"|".join(parts)
 
     @cached_property
+    def ball(self) -> tuple[Array, float]:
+        """The centre (3,) and the radius (m) of a ball around it, in its own frame."""
+        return 0.5 * (self.box[0] + self.box[1]), 0.5 * math.dist(*self.box)
+
+    @cached_property
     def reach(self) -> float:
         """Largest coordinate (m) of its box, if finite."""
         sides = [abs(x) for x in self.box.ravel().tolist() if x - x == 0.0]  # the finite ones

@@ -15,8 +15,9 @@ import pytest
 
 import pinproof as pp
 from pinproof.cell import SequenceResult
+from pinproof.cell.sequencing import sequence as sequencing
 from pinproof.cell.sequencing.precedence import Precedence
-from pinproof.cell.sequencing.sequence import judge_options
+from pinproof.cell.sequencing.sequence import SequenceRun, judge_options
 from pinproof.cell.sequencing.tour import TourProblem, arc_bound
 from pinproof.cell.sequencing.transits import (
     MotionFailure,
@@ -308,6 +309,52 @@ def test_order_that_failed_motions_suggest_does_not_raise_the_lower_bound(monkey
     assert [each.name for each in result.left_out] == ["pick_0"]
     assert result.order == (second, first)
     assert result.lower_bound == pytest.approx(alone.lower_bound, abs=1e-9)
+
+
+def scattered() -> tuple[PickSetup, list[pp.Pick]]:
+    """Three boxes that are apart, as their places are."""
+    before, after = [(0.5, 0.0), (0.3, 0.4), (0.3, -0.4)], [(0.3, 0.5), (0.45, -0.3), (0.6, 0.2)]
+    setup, picks = tray_cell(*([(*at, FLOOR) for at in places] for places in (before, after)))
+    return setup, list(picks)
+
+
+def test_the_order_that_one_option_demands_does_not_exclude_the_other_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another part always blocks the first option of pick_1, and the second one is possible before pick_0 only."""
+    setup, picks = scattered()
+    certified, options = StepMotions.certified, list[np.ndarray]()
+
+    def blocked(self: StepMotions, step: SequencedPick) -> PickVerdict | MotionFailure:
+        if step.option.pick.name != "pick_1":
+            return certified(self, step)
+        options.append(step.option.entrance)
+        moved = not step.scene["box_0"].pose.isApprox(setup.checker.scene["box_0"].pose)
+        if np.array_equal(options[0], step.option.entrance):
+            return MotionFailure("approach", "in contact", ("box_2" if moved else "box_0",))
+        return MotionFailure("approach", "in contact", ("box_0",)) if moved else certified(self, step)
+
+    monkeypatch.setattr(StepMotions, "certified", blocked)
+    budget = pp.cell.SequenceBudget(options=2, motion=0, refinements=0)
+    result = pp.sequence(setup, picks, budget=budget).or_raise()
+    assert result.order.index("pick_1") < result.order.index("pick_0")
+    assert result.precedence.allows(picks.index(step.pick) for step in result)
+
+
+def test_a_better_order_that_cannot_be_certified_leaves_out_no_pick(monkeypatch: pytest.MonkeyPatch) -> None:
+    certified, tours = SequenceRun._certified, list[object]()
+
+    def failing(self: SequenceRun, problem: TourProblem, *rest):
+        tours.append(rest)
+        if len(tours) == 2:
+            self.precedence = self.precedence.with_pairs({(0, 1): "a part blocks", (1, 2): "a part blocks"})
+            raise sequencing._ImpossibleError({0: "in contact"})
+        return certified(self, problem, *rest)
+
+    monkeypatch.setattr(SequenceRun, "_certified", failing)
+    monkeypatch.setattr(sequencing, "WORTH", -1.0)  # every order is worth a try
+    result = pp.sequence(*scattered(), budget=pp.cell.SequenceBudget(options=1, motion=0, refinements=1))
+    assert len(tours) == 2
+    assert len(result.or_raise().steps) == 3
+    assert not result.precedence.reasons
 
 
 @pytest.mark.slow

@@ -205,6 +205,9 @@ CHUNK = 2
 REPAIRS = 200
 """Largest number of times that another order is tried after motions have failed."""
 
+ORDERS = 60
+"""Number of picks in all random orders that are tried before a pick that other parts block is left out."""
+
 UNREACHED = 3
 """Number of failed transits to and from options that are not connected to home after which these are excluded."""
 
@@ -293,6 +296,8 @@ class SequenceRun:
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
     required: Precedence = field(default_factory=lambda: Precedence(()))
     """The precedence without the pairs that only failed motions suggest, which must not raise the lower bound."""
+    blocked: bool = False
+    """Whether a part of another pick blocked a motion."""
     steps: dict[Place, PickVerdict | MotionFailure] = field(default_factory=dict)
     known: dict[tuple[int, ...], dict[str, Trajectory]] = field(default_factory=dict)
     """Trajectories by name: of a transit by the options before and after it, of all others by the option."""
@@ -417,7 +422,12 @@ class SequenceRun:
         self.nearest = problem.nearest_neighbour().seconds
         tour = problem.best_options(feasible) if fixed else problem.solve(feasible, search=self.budget.search)
         self.runner.report("order", 1, 1)
-        problem, self.best = self._certified(problem, tour, fixed)
+        try:
+            problem, self.best = self._certified(problem, tour, fixed)
+        except _ImpossibleError as error:
+            if fixed or not self.blocked:
+                raise
+            problem, self.best = self._in_other_order(tour, error)
         # tours with the certified times in place of the bounds
         for _ in range(self.budget.refinements):
             problem = self._with_certified_times(problem, self.best)
@@ -428,9 +438,35 @@ class SequenceRun:
                 tour = new if new.seconds < (1 - NEW) * tour.seconds else tour
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 break
-            problem, made = self._certified(problem, tour, fixed)
+            precedence = self.precedence
+            try:
+                problem, made = self._certified(problem, tour, fixed)
+            except (_ImpossibleError, NoAnswer):  # the present tour remains
+                self.precedence = precedence
+                break
             if made.seconds < self.best.seconds:
                 self.best = made
+            else:
+                self.precedence = precedence
+
+    def _in_other_order(self, tour: Tour, error: _ImpossibleError) -> tuple[TourProblem, _CertifiedTour]:
+        """A certified tour in one of several orders; raises the error of the search if there is none.
+
+        What blocks one option demands an order of the search, which may be wrong for the others. Here it demands none.
+        """
+        self.precedence = self.required
+        problem, rng = self.problem(), np.random.default_rng(0)
+        # those that failed first and last, then random orders
+        failed = [job for job in tour.order if job in error.reasons]
+        rest = [job for job in tour.order if job not in error.reasons]
+        orders = [(*failed, *rest), (*rest, *failed)]
+        orders += [tuple(rng.permutation(problem.count).tolist()) for _ in range(ORDERS // problem.count)]
+        for order in dict.fromkeys(map(problem.in_order, orders)):
+            try:
+                return self._certified(problem, problem.best_options(order), fixed=True)
+            except (_ImpossibleError, NoAnswer):
+                continue
+        raise error
 
     def _keep(self, place: Place, step: PickVerdict | MotionFailure) -> None:
         """Keep the result of a step, and its trajectories for other scenes."""
@@ -493,7 +529,7 @@ class SequenceRun:
             for failure, previous, option in failures:
                 name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
                 failed = f"{name}: {failure.part}: {failure.reason}"
-                problem = self._excluding(problem, tour, failure, previous, option)
+                problem = self._excluding(problem, None if fixed else tour, failure, previous, option)
             # a job without any possible option is left out
             never = [k for k, choices in enumerate(problem.options) if not np.isfinite(problem.inner[choices]).any()]
             if never:
@@ -583,21 +619,23 @@ class SequenceRun:
         return made, failures
 
     def _excluding(
-        self, problem: TourProblem, tour: Tour, failure: MotionFailure, previous: int, option: int
+        self, problem: TourProblem, tour: Tour | None, failure: MotionFailure, previous: int, option: int
     ) -> TourProblem:
         """The problem with more precedence if a part blocks the motion, else without the failed transit or option.
 
-        A given order is not changed, so that only options are excluded.
+        Without a tour, the order is given, so that only options are excluded.
         """
         if option == START:
             drop = self._unconnected(previous)
             return _without(problem, "inner", list(drop)) if drop else _without(problem, "end", previous)
         # a part of another job blocks the motion: at its place after that job, and at its first position before it
-        job, position = int(problem.job[option]), {job: k for k, job in enumerate(tour.order)}
-        for name in failure.bodies if self.fixed_order is None else ():
+        job = int(problem.job[option])
+        position = {} if tour is None else {job: k for k, job in enumerate(tour.order)}
+        for name in failure.bodies if position else ():
             for blocking, owner in enumerate(self.jobs):
                 if blocking == job or name not in {place.name for place in owner.places}:
                     continue
+                self.blocked = True
                 pair = (job, blocking) if position[blocking] < position[job] else (blocking, job)
                 more = self.precedence.with_pairs({pair: f"{name} blocks {self.jobs[job].pick.name}"})
                 if not more.cycle():

@@ -82,17 +82,23 @@ def off_the_path(path: ToolPath, poses: np.ndarray, near: float, *, freedom, fir
             shares = [np.clip(centre, 0.0, 1.0), *(low + (high - low) * part for part in np.linspace(0.0, 1.0, parts))]
         else:
             shares = [np.full(len(poses), share) for share in np.linspace(0.0, 1.0, 41)]
-        for u in shares:
-            distance = np.linalg.norm(poses[:, :3, 3] - a[:3, 3] - u[:, None] * step, axis=1)
+        # The first share is that of the nearest point; where it is not near, no other point of the line is
+        rows, there = np.arange(len(poses)), poses
+        for k, share in enumerate(shares):
+            u = share[rows]
+            distance = np.linalg.norm(there[:, :3, 3] - a[:3, 3] - u[:, None] * step, axis=1)
             if freedom is True:
-                chord = np.linalg.norm(poses[:, :3, 2] - rotated_axis(a[:3, 2], b[:3, 2], u), axis=1)
+                chord = np.linalg.norm(there[:, :3, 2] - rotated_axis(a[:3, 2], b[:3, 2], u), axis=1)
             elif freedom is False:
-                chord = np.linalg.norm(poses[:, :3, :3] - rotated(a[:3, :3], b[:3, :3], u), axis=(1, 2)) / np.sqrt(2.0)
+                chord = np.linalg.norm(there[:, :3, :3] - rotated(a[:3, :3], b[:3, :3], u), axis=(1, 2)) / np.sqrt(2.0)
             else:
-                chord = np.linalg.norm(poses[:, :3, 2] - rotated(a[:3, :3], b[:3, :3], u)[:, :, 2], axis=1)
+                chord = np.linalg.norm(there[:, :3, 2] - rotated(a[:3, :3], b[:3, :3], u)[:, :, 2], axis=1)
             angle = 2.0 * np.arcsin(np.clip(0.5 * chord, 0, 1))
-            distances = np.minimum(distances, distance)
-            angles = np.where(distance <= near + 1e-9, np.minimum(angles, angle), angles)
+            distances[rows] = np.minimum(distances[rows], distance)
+            angles[rows] = np.where(distance <= near + 1e-9, np.minimum(angles[rows], angle), angles[rows])
+            if k == 0:
+                rows = rows[distance <= near + 1e-7]
+                there = poses[rows]
     return np.column_stack([distances, angles])
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import functools
 import inspect
 import os
 import platform
@@ -197,9 +198,15 @@ def _show_warning(
     print_note(str(message) if issubclass(category, UnitWarning) else f"{filename}:{lineno}: {message}")
 
 
+@functools.cache
+def _command() -> Callable[..., Any]:
+    """The parser of all commands, which programs that run several commands build once."""
+    return typer.main.get_command(app)
+
+
 def _run() -> int:
     try:
-        return int(app(prog_name="pinproof", standalone_mode=False) or SUCCESS)
+        return int(_command()(prog_name="pinproof", standalone_mode=False) or SUCCESS)
     except Interrupted as error:
         return _report(error, INTERRUPTED)
     except NoAnswer as error:

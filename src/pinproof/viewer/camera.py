@@ -163,8 +163,8 @@ def choose_view(
     owner, boxes, is_tool = np.repeat(np.arange(len(drawn)), SAMPLES), _Boxes.around(stage.obstacles), stage.tool[drawn]
     cells = np.array(
         [
-            [_cells_of_links(placed, owner, boxes, direction, points) for placed in shown]
-            for direction in DIRECTIONS_COMPARED
+            [_cells_of_links(placed, owner, boxes, *camera) for placed in shown]
+            for camera in (fit(points, direction, ASPECT) for direction in DIRECTIONS_COMPARED)
         ]
     )
     seen = (cells >= SEEN_CELLS).sum(axis=2).min(axis=1)
@@ -195,10 +195,9 @@ def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) 
 
 
 def _cells_of_links(
-    samples: Array, owner: npt.NDArray[np.int64], boxes: _Boxes, direction: Array, framed: Array
+    samples: Array, owner: npt.NDArray[np.int64], boxes: _Boxes, axes: Array, tangent: Array, camera: Array
 ) -> Array:
     """(L,) number of cells of the picture in which each link is in front, from samples and a depth buffer."""
-    axes, tangent, camera = fit(framed, direction, ASPECT)
     x = samples @ axes.T - camera
     picture = x[:, :2] / (-x[:, 2:] * tangent)
     inside = np.flatnonzero((np.abs(picture) < 1).all(axis=1) & (x[:, 2] < 0))

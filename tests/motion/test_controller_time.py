@@ -150,8 +150,11 @@ def test_a_linear_move_in_a_zone_keeps_the_accelerations_of_the_joints_there() -
         ends = ([q[0], q[1]], [line.path.end, q[2]])
         first, last = (pp.JointPath(points, arm.joint_names) for points in ends)
         zone = tuple(rng.uniform(0.1, 0.5, 2))
-        moves = [ControllerMove(first, None, zone), ControllerMove(line.path, None, zone), ControllerMove(last)]
+        alike = bool(blended % 2)
+        middle = ControllerMove(line.path, None, zone, alike=alike)
+        moves = [ControllerMove(first, None, zone), middle, ControllerMove(last)]
         made = controller_motion(moves, arm.limits)
+        assert not alike or np.ptp(made.profiles[1].gains) < 1e-6 * made.profiles[1].gains[0]
         times = np.linspace(0.0, made.duration, 4001)
         passed = np.zeros((len(times), 6))
         for move, profile, start in zip(moves, made.profiles, made.starts, strict=True):
@@ -177,8 +180,9 @@ def test_a_line_near_a_singularity_keeps_the_accelerations_between_rest_and_a_zo
         paths = [line.path, pp.JointPath([line.path.end, away], arm.joint_names)]
         if k % 2:
             paths = [path.reversed() for path in paths[::-1]]
-        moves = [ControllerMove(paths[0], None, (0.1, 0.1)), ControllerMove(paths[1])]
+        moves = [ControllerMove(paths[0], None, (0.1, 0.1), alike=k > 4), ControllerMove(paths[1], alike=k > 4)]
         made = controller_motion(moves, arm.limits)
+        assert k < 5 or all(np.ptp(profile.gains) < 1e-6 * profile.gains[0] for profile in made.profiles)
         times, passed = np.linspace(0.0, made.duration, 4001), np.zeros((4001, 6))
         for move, profile, start in zip(moves, made.profiles, made.starts, strict=True):
             q, (shares, _) = move.path.q, profile.at(times - start)

@@ -224,6 +224,14 @@ def test_a_carried_part_is_gripped_at_the_grasp_and_released_at_the_place(report
     assert (alone.free, len(alone.outputs)) == (False, 2)
 
 
+def test_a_line_entered_at_nearly_its_speed_states_the_acceleration_with_which_it_brakes() -> None:
+    report = pp.validate_picks(*cell_of("ur5", "picks.yaml", "bolt_7"))
+    made = exported(report, "krl")
+    assert made.free
+    assert any(isinstance(move, LinearMove) for move in made.program.moves)
+    assert made.duration <= 1.1 * made.motion_duration
+
+
 def test_moves_between_stops_take_as_long_as_the_limits_require(report, text) -> None:
     arm = report.setup.checker.arm
     for before, after in pairwise(text.moves):

@@ -70,6 +70,7 @@ class ControllerMove:
     speed: float = key("share of the velocities of the joints that the move uses", default=1.0)
     top: float | None = key("largest share of the move that is passed in a second, as stated", default=None)
     gain: float | None = key("largest acceleration in shares of the move per second^2, as stated", default=None)
+    alike: bool = key("whether it is also slowed down with this acceleration, or with the shortest one", default=False)
 
 
 @dataclass(frozen=True)
@@ -128,7 +129,7 @@ class _Rates:
     in a zone, one of several speeds is used (first axis): ``tops`` with the accelerations ``gains`` and ``losses`` have
     one for each number of ``PLACES`` at the start and at the end of the move that are in zones. ``rests`` has, for each
     speed, the acceleration from rest, that to rest, and the numbers of places in which it is reached from rest and
-    left to rest.
+    left to rest. With ``alike`` a move has one acceleration, with which its speed both increases and decreases.
     """
 
     top: float
@@ -138,6 +139,7 @@ class _Rates:
     gains: Array
     losses: Array
     rests: Array
+    alike: bool = False
 
     @classmethod
     def even(cls, top: float, gain: float) -> _Rates:
@@ -153,7 +155,8 @@ class _Rates:
         rests[:2] = np.minimum(rests[:2], gain)
         if tops.shape[1] > 1 and gain < self.rests[:2].max():
             rests[2:] = 0.0
-        return _Rates(min(self.top, top), min(self.gain, gain), min(self.loss, gain), tops, gains, losses, rests)
+        top, rising, falling = (min(own, most) for own, most in ((self.top, top), (self.gain, gain), (self.loss, gain)))
+        return _Rates(top, rising, falling, tops, gains, losses, rests, self.alike)
 
     def _best(self, first: Array, last: Array) -> tuple[Array, Array, Array, Array]:
         """The speeds between zones, the accelerations to and from them, and the durations, as for ``durations``."""
@@ -169,6 +172,11 @@ class _Rates:
         top = np.where(stops, self.top, self.tops[level, begin, end])
         gain = np.where(stops, self.gain, np.where(enter > 0.0, self.gains[level, begin, end], rising))
         loss = np.where(stops, self.loss, np.where(leave > 0.0, self.losses[level, begin, end], falling))
+        if self.alike:  # or the speed only decreases from that at a zone, or only increases to it
+            rows = np.broadcast_arrays(np.minimum(gain, loss), loss, gain, begin, end, top)
+            gain = loss = np.concatenate(rows[:3])
+            begin, end = (np.concatenate([each] * 3) for each in rows[3:5])
+            top = np.concatenate([rows[5], np.minimum(rows[5], enter), np.minimum(rows[5], leave)])
         left = 1.0 - (enter * entry + leave * leaving) / 2.0
         most = (2.0 * left + enter**2 / gain + leave**2 / loss) / (1.0 / gain + 1.0 / loss)
         peak = np.minimum(top, np.sqrt(np.maximum(most, 0.0)))
@@ -210,13 +218,13 @@ REST = np.zeros(2)
 """The speed and the time in a zone where a move begins or ends at rest."""
 
 
-def fastest(path: JointPath, limits: JointLimits, speed: float = 1.0) -> Profile:
+def fastest(path: JointPath, limits: JointLimits, *, alike: bool = False) -> Profile:
     """The fastest trapezoidal profile from rest to rest at which every joint is within its limits on a move."""
-    return _rates(path, limits, speed).profile(REST, REST)
+    return _rates(path, limits, 1.0, alike).profile(REST, REST)
 
 
 @lru_cache(maxsize=256)
-def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
+def _rates(path: JointPath, limits: JointLimits, speed: float, alike: bool) -> _Rates:
     velocity = speed * np.where(np.isnan(limits.velocity), UNLIMITED, limits.velocity)
     acceleration = np.where(np.isnan(limits.acceleration), UNLIMITED, limits.acceleration)
     if not np.ptp(path.q, axis=0).any():
@@ -267,15 +275,17 @@ def _rates(path: JointPath, limits: JointLimits, speed: float = 1.0) -> _Rates:
     speeds = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
     first, last = (np.searchsorted(np.maximum.accumulate(squares), speeds**2) for squares in reached)
     speeds = speeds[(first < len(shares)) & (last < len(shares))]
-    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, *own), np.inf
+    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, *own, alike), np.inf
     for top, begin, left in zip(speeds.tolist(), first.tolist(), last.tolist(), strict=False):
         end = len(shares) - 1 - left
         if begin <= end and cruise[begin : end + 1].min() >= top**2:
             gain, loss = top**2 / (2.0 * float(shares[begin])), top**2 / (2.0 * (1.0 - float(shares[end])))
+            if alike:
+                gain = loss = min(gain, loss)
             peak = min(top, math.sqrt(2.0 / (1.0 / gain + 1.0 / loss)))
             seconds = 1.0 / peak + peak * (1.0 / gain + 1.0 / loss) / 2.0
             if seconds < shortest:
-                best, shortest = _Rates(top, gain, loss, *own), seconds
+                best, shortest = _Rates(top, gain, loss, *own, alike), seconds
     return best
 
 
@@ -314,7 +324,7 @@ def controller_motion(
     ``roughly`` compares fewer speeds at the zones, for a duration that is compared with others.
     """
     moves = list(moves)
-    rates = [_rates(move.path, limits, move.speed) for move in moves]
+    rates = [_rates(move.path, limits, move.speed, move.alike) for move in moves]
     for k, (move, own) in enumerate(zip(moves, rates, strict=True)):
         if (move.top, move.gain) != (None, None):
             rates[k] = own.at_most(*(UNLIMITED if stated is None else stated for stated in (move.top, move.gain)))

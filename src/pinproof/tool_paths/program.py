@@ -270,7 +270,7 @@ def _between(checker: CollisionChecker, motion: ProgramMotion, deviation: float,
     if motion.name != "transit":
         trace = trace_line(arm, own.start, arm.forward_kinematics(own.end))
         if not trace.reason and np.abs(trace.path.end - own.end).max() <= 1e-6:
-            made = controller_motion([ControllerMove(trace.path)], arm.limits)
+            made = controller_motion([ControllerMove(trace.path, alike=find_dialect(dialect).alike)], arm.limits)
             profile = made.profiles[0].lasting(max(made.duration, own.duration))
             return [timed_step(arm, made.moves[0], profile, None, linear=True)]
     return moves_between_rests(own, checker, deviation, find_dialect(dialect), linear=False)[1:]

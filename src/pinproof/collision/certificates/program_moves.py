@@ -106,7 +106,8 @@ def timed_step(
     length = float(np.linalg.norm(last.translation - first.translation))
     duration = profile.duration if move.top is None or move.duration is not None else None
     # The least acceleration between zones, or the usual one, at which no joint exceeds its own on any part of the line
-    gains = profile.gains if duration is not None or move.gain is not None else fastest(move.path, arm.limits).gains
+    usual = duration is None and move.gain is None
+    gains = fastest(move.path, arm.limits, alike=move.alike).gains if usual else profile.gains
     slope = np.abs(np.diff(move.path.q, axis=0)).max(axis=0) * (len(move.path.q) - 1)
     most = np.where(np.isnan(arm.limits.acceleration), np.inf, arm.limits.acceleration)
     least = min(gains.min(initial=np.inf), (most / np.maximum(slope, 1e-12)).min())
@@ -147,7 +148,8 @@ class _MovesSearch:
         lines: tuple[Sequence[EndLine], Sequence[EndLine]],
         spare: int,
     ) -> None:
-        self._arm, self._zones, self._proven, self._common = arm, language.zones, proven, language.common_zone
+        self._arm, self._language, self._proven = arm, language, proven
+        self._zones, self._common = language.zones, language.common_zone
         self._leaving, self._entering = lines
         # Points with which a pick has at most 12 moves, from home to the grasp, to the release, and back
         self.most = (2 + bool(lines[0]) + bool(lines[1]) if any(lines) else FEW_MOVES) + spare
@@ -236,7 +238,8 @@ class _MovesSearch:
                 else (self._shares(into, at_end=True)[number][1], self._shares(out, at_end=False)[number][1])
                 for (into, out), number in zip(corners, used, strict=True)
             ]
-            moves = [ControllerMove(path, None, zone) for path, zone in zip(paths, [*ends, None], strict=True)]
+            alike, zones = self._language.alike, [*ends, None]
+            moves = [ControllerMove(path, None, zone, alike=alike) for path, zone in zip(paths, zones, strict=True)]
             motion = controller_motion(moves, self._arm.limits, optional=True, roughly=not proven)
             kept = (blend if move.zone else None for move, blend in zip(motion.moves, [*blends, None], strict=True))
             if best is None or motion.duration < best.motion.duration:
@@ -418,7 +421,7 @@ def moves_between_rests(
         trace = trace_line(arm, part[0], arm.forward_kinematics(part[-1])) if linear else None
         on_line = trace is not None and not trace.reason and np.abs(trace.path.end - part[-1]).max() <= SAME_END
         if on_line and trace and all(np.abs(trace.path.q - q).max(axis=1).min() <= ON_LINE for q in part):
-            motion = controller_motion([ControllerMove(trace.path)], arm.limits)
+            motion = controller_motion([ControllerMove(trace.path, alike=language.alike)], arm.limits)
             slower = max(motion.duration, float(times[last] - times[first]))
             profile = motion.profiles[0].lasting(slower)
             steps.append(timed_step(arm, motion.moves[0], profile, None, linear=True))

@@ -172,7 +172,8 @@ def _controller_move(step: Step, path: JointPath, arm: Arm, zone: tuple[float, f
     percent = 100 if isinstance(step, LinearMove) else step.percent or 100
     if isinstance(step, JointMove) and step.gain is not None:
         gain = step.gain / 100.0 * float(fastest(path, arm.limits).gains.max())
-    return ControllerMove(path, step.duration, zone, percent / 100.0, top, gain)
+    alike = straight and step.acceleration is not None
+    return ControllerMove(path, step.duration, zone, percent / 100.0, top, gain, alike)
 
 
 class ZoneSide:

@@ -366,6 +366,7 @@ class Dialect:
     streams = False  # whether the language can send set points at a fixed period
     outputs = ""  # the digital output that closes a gripper by default; empty if the language has no outputs
     zones: tuple[Blend, ...] = ()  # the blends that the language can state, from the largest to the smallest
+    alike = False  # whether a linear move states one acceleration, with which it is also slowed down
     common_zone = False  # whether all blends between two stops have one size
     deviation = 0.0  # rad: the assumed deviation of each joint from the straight lines of the moves, by default
     # A regular expression of the names of inputs and outputs, and a description for messages.

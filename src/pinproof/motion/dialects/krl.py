@@ -54,6 +54,7 @@ class Krl(Dialect):
     external = 6
     times = False
     cruises = True
+    alike = True
     comment_mark = "; pinproof:"
     outputs = "1"
     zones = tuple(Blend(radius, 0.5) for radius in RADII)

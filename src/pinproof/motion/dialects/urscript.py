@@ -57,6 +57,7 @@ class UrScript(Dialect):
     deviation = 0.002
     streams = True
     cruises = True
+    alike = True
     signals, signal_kind = "[0-7]", "numbers from 0 to 7"
     remark = ("# ", "")
 

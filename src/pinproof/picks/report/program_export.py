@@ -372,7 +372,7 @@ class PickMoves:
         """Add the fastest moves from stop to stop."""
         out, into = lines
         if out is not None and into is None and stretch[-1].name != RETURN:
-            best = self._within_limits((out.stage,), (None,), [ControllerMove(out.path)])
+            best = self._within_limits((out.stage,), (None,), [ControllerMove(out.path, alike=self._language.alike)])
         else:
             best = self._between(stretch, (stretch[0].trajectory.start, stretch[-1].trajectory.end), lines)
         names = [segment.name for segment in stretch]

@@ -5,6 +5,7 @@
 
 #include "collision/boxes.h"
 #include "collision/cells.h"
+#include "collision/mesh.h"
 
 namespace pinproof {
 namespace {
@@ -323,20 +324,23 @@ bool CurveProof::tighten(const Pair& pair, const Vec3& direction, Approach& appr
     return true;
 }
 
+void CurveProof::PartBounds::add(double distance, const Approach& of_part, double range, double slack) {
+    if (of_part.growth > 0.0) tube = std::min({tube, range, slack / of_part.growth});
+    if (distance - of_part.distance < lower - approach) {
+        lower = distance;
+        approach = of_part.distance;
+    }
+}
+
 // The weakest bounds over the boxes of a body of cells, each of which is bounded as a body of its own.
-CurveProof::CellBounds CurveProof::bound_cells(int k, const Transform& a_from_b, const Approach& rough,
+CurveProof::PartBounds CurveProof::bound_cells(int k, const Transform& a_from_b, const Approach& rough,
                                                const DistanceQuery& query) const {
     const Pair& pair = world_.pair(k);
     const double margin = world_.margin(k);
     const Shape &a = world_.shape(pair.a), &b = world_.shape(pair.b);
-    CellBounds worst{kInfinity, kInfinity, rough.distance, kInfinity};
+    PartBounds worst{kInfinity, kInfinity, rough.distance, kInfinity};
     const auto add = [&](double lower, const Approach& approach, double range) {
-        const double slack = lower - approach.distance - world_.space().rounding - margin;
-        if (approach.growth > 0.0) worst.tube = std::min({worst.tube, range, slack / approach.growth});
-        if (lower - approach.distance < worst.lower - worst.approach) {
-            worst.lower = lower;
-            worst.approach = approach.distance;
-        }
+        worst.add(lower, approach, range, lower - approach.distance - world_.space().rounding - margin);
     };
     visit_cells(
         *b.cells, BesideCells(a, a_from_b), [&] { return query.above; },
@@ -356,6 +360,64 @@ CurveProof::CellBounds CurveProof::bound_cells(int k, const Transform& a_from_b,
         },
         [&](double gap) { add(gap, rough, kInfinity); });
     return worst;
+}
+
+// The weakest bounds over the triangles of meshes, each of which is bounded along the direction that separates it.
+class CurveProof::Parts : public PartsQuestion {
+public:
+    Parts(const CurveProof& proof, int k, const Approach& rough, const Vec3& direction)
+        : proof_(proof),
+          pair_(proof.world_.pair(k)),
+          apart_(proof.world_.margin(k) + proof.world_.space().rounding),
+          goal_(proof.goal(proof.world_.margin(k)) + proof.world_.space().rounding),
+          rough_(rough) {
+        choose(direction);
+    }
+
+    bool leave(double gap, double along) override {
+        // The better of both bounds, if it suffices
+        const bool is_along = along - tight_.distance > gap - rough_.distance;
+        const double certain = is_along ? along - tight_.distance : gap - rough_.distance;
+        if (!(certain > goal_)) return false;
+        add(is_along ? along : gap, is_along);
+        return true;
+    }
+
+    bool measured(const DistanceBounds& bounds, const Vec3& direction) override {
+        choose(direction);
+        add(bounds.lower, true);
+        return bounds.lower - tight_.distance > goal_;
+    }
+
+    PartBounds weakest{kInfinity, kInfinity, 0.0, kInfinity};
+
+private:
+    void choose(const Vec3& direction) {
+        tight_ = rough_;
+        const Vec3 u = proof_.bodies_[pair_.a].root_from_body.rotation * direction;
+        tightened_ = squared_norm(u) > 0.0 && proof_.tighten(pair_, u, tight_);
+    }
+
+    void add(double distance, bool along) {
+        const Approach& approach = along ? tight_ : rough_;
+        const double range = along && tightened_ ? kGrowthRange : kInfinity;
+        weakest.add(distance, approach, range, distance - approach.distance - apart_);
+    }
+
+    const CurveProof& proof_;
+    const Pair& pair_;
+    const double apart_, goal_;
+    const Approach rough_;
+    Approach tight_;  // along the direction that was measured last
+    bool tightened_ = false;
+};
+
+// Whether meshes are not proven apart only because the tolerances of the joints, which a bisection leaves as they are,
+// are counted as if they moved the bodies along one line.
+bool CurveProof::is_due_to_tolerances(const Pair& pair, double lower, const Approach& rough, double goal) const {
+    const auto is_half_space = [&](int body) { return world_.shape(body).kind == ShapeKind::kHalfSpace; };
+    const double due = rough.distance - rough.bare, spare = lower - world_.space().rounding - goal;
+    return !settings_.record && due > 0.0 && spare > 0.0 && spare <= due && !is_half_space(pair.a) && !is_half_space(pair.b);
 }
 
 // Judge a pair in an interval.
@@ -389,7 +451,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
                                   .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
                                   .share = quick ? kQuickShare : 0.0};
         if (shape_b.cells && !hopeless) {
-            const CellBounds bounds = bound_cells(k, *a_from_b, approach, query);
+            const PartBounds bounds = bound_cells(k, *a_from_b, approach, query);
             lower = bounds.lower;
             distance = bounds.upper;
             approach.distance = bounds.approach;
@@ -402,6 +464,15 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
             if (!hopeless && world_.is_convex(pair) && !(lower > enough) && distance > margin) {
                 direction = a.root_from_body.rotation * memory.separation.direction;
                 if (tighten(pair, direction, approach)) growth_range = kGrowthRange;
+            } else if (!hopeless && is_due_to_tolerances(pair, lower, approach, goal) && distance > margin) {
+                Parts parts(*this, k, approach, memory.separation.direction);
+                visit_parts(shape_a, shape_b, *a_from_b, query, memory.separation.direction, parts);
+                if (parts.weakest.lower - parts.weakest.approach > lower - approach.distance) {
+                    lower = parts.weakest.lower;
+                    approach.distance = parts.weakest.approach;
+                    approach.growth = 0.0;
+                    growth_range = parts.weakest.tube;
+                }
             }
         }
         if (distance < kInfinity) memory.distance = distance;

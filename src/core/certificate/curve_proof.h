@@ -112,11 +112,15 @@ private:
         double gap, certain;  // m; at the middle and in the interval
         double growth, growth_range;
     };
-    // Bounds (m) of the distance of a body from cells, and of its approach to the box of the lower bound; the tolerance
-    // of joints that all boxes allow.
-    struct CellBounds {
+    // Bounds (m) of the distance of two bodies whose parts are bounded one by one, and of the approach to the part of
+    // the lower bound; the tolerance of joints that all parts allow.
+    struct PartBounds {
         double upper, lower, approach, tube;
+
+        // Add a part that is beyond its margin by `slack`, and whose approach grows as stated up to a range.
+        void add(double distance, const Approach& of_part, double range, double slack);
     };
+    class Parts;
     // Sums over the pairs of one interval.
     struct Summary;
 
@@ -136,8 +140,9 @@ private:
     FarNode bound_node(int body, int row, double level, bool single) const;
     bool is_clear(const FarNode& far, double clear, double margin, bool with_obstacle, const Summary& sum) const;
     bool tighten(const Pair& pair, const Vec3& direction, Approach& approach) const;
-    CellBounds bound_cells(int pair, const Transform& a_from_b, const Approach& rough,
+    PartBounds bound_cells(int pair, const Transform& a_from_b, const Approach& rough,
                            const DistanceQuery& query) const;
+    bool is_due_to_tolerances(const Pair& pair, double lower, const Approach& rough, double goal) const;
     bool is_clearly_apart(int pair, const Approach& rough, const Summary& sum) const;
     bool is_bisected(const Summary& sum) const;
     bool decide(const Interval& interval, const Summary& sum);

@@ -120,18 +120,7 @@ public:
                 }
                 continue;
             }
-            // The larger node is divided, and the closer half comes first.
-            const bool divide_a = leaf_b || (!leaf_a && squared_norm(here.a->half) >= squared_norm(here.b->half));
-            NodePair near = here, far = here;
-            const BoxNode*& near_node = divide_a ? near.a : near.b;
-            const BoxNode*& far_node = divide_a ? far.a : far.b;
-            const std::vector<BoxNode>& nodes = (divide_a ? side_a_ : side_b_).mesh->tree.nodes;
-            far_node = nodes.data() + near_node->second_child;
-            ++near_node;
-            near.gap = gap(*near.a, *near.b);
-            far.gap = gap(*far.a, *far.b);
-            if (near.gap > far.gap) std::swap(near, far);
-            for (const NodePair& half : {far, near}) {
+            for (const NodePair& half : halves(here)) {
                 if (half.gap > enough())
                     bounds_.lower = std::min(bounds_.lower, half.gap);
                 else
@@ -141,11 +130,51 @@ public:
         return bounds_;
     }
 
+    void visit(const Vec3& direction, PartsQuestion& question) {
+        set_plane(direction);
+        NodePair stack[2 * kTreeDepth + 2];
+        int top = 0;
+        stack[top++] = {side_a_.root(), side_b_.root(), -kUnbounded};
+        while (top > 0) {
+            const NodePair here = stack[--top];
+            if (question.leave(here.gap, along_plane(*here.a, *here.b))) continue;
+            if (here.a->count == 0 || here.b->count == 0) {
+                for (const NodePair& half : halves(here)) stack[top++] = half;
+                continue;
+            }
+            for (int i = here.a->first; i < here.a->first + here.a->count; ++i)
+                for (int j = here.b->first; j < here.b->first + here.b->count; ++j) {
+                    if (question.leave(-kUnbounded, along_plane(i, j))) continue;
+                    Separation separation;
+                    separation.direction = plane_;
+                    const DistanceBounds bounds = of_triangles(i, j, query_, separation);
+                    if (!question.measured(bounds, separation.direction)) return;
+                    set_plane(separation.direction);
+                }
+        }
+    }
+
 private:
     struct NodePair {
         const BoxNode *a, *b;
         double gap;  // between their boxes
     };
+
+    // The pairs into which one is divided at its larger node, the closer one last.
+    std::array<NodePair, 2> halves(const NodePair& whole) const {
+        const bool leaf_a = whole.a->count > 0, leaf_b = whole.b->count > 0;
+        const bool divide_a = leaf_b || (!leaf_a && squared_norm(whole.a->half) >= squared_norm(whole.b->half));
+        NodePair near = whole, far = whole;
+        const BoxNode*& near_node = divide_a ? near.a : near.b;
+        const BoxNode*& far_node = divide_a ? far.a : far.b;
+        const std::vector<BoxNode>& nodes = (divide_a ? side_a_ : side_b_).mesh->tree.nodes;
+        far_node = nodes.data() + near_node->second_child;
+        ++near_node;
+        near.gap = gap(*near.a, *near.b);
+        far.gap = gap(*far.a, *far.b);
+        if (near.gap > far.gap) std::swap(near, far);
+        return {far, near};
+    }
 
     // Beyond this distance, nodes and triangles need not be visited.
     double enough() const {
@@ -164,12 +193,26 @@ private:
         if (side_b_.mesh == nullptr) gap = std::max(gap, point_to_box(offset, a.half) - side_b_.ball);
         if (side_a_.mesh == nullptr)
             gap = std::max(gap, point_to_box(transposed_times(a_from_b_.rotation, offset), b.half) - side_a_.ball);
-        if (!has_plane_) return gap;
         // The direction that separates the closest triangles so far separates those next to them, too.
+        return std::max(gap, along_plane(a, b));
+    }
+
+    // The gap of two nodes along the direction of the plane, if there is one.
+    double along_plane(const BoxNode& a, const BoxNode& b) const {
+        if (!has_plane_) return -kUnbounded;
         const double top = side_a_.mesh ? dot(plane_, a.centre) + half_extent(a.half, plane_) : top_;
         const double bottom =
             side_b_.mesh ? dot(plane_, a_from_b_ * b.centre) - half_extent(b.half, plane_in_b_) : bottom_;
-        return std::max(gap, bottom - top);
+        return bottom - top;
+    }
+
+    // The same of two triangles.
+    double along_plane(int i, int j) const {
+        if (!has_plane_) return -kUnbounded;
+        const double top = side_a_.mesh ? dot(plane_, support(side_a_.mesh->triangles[i], plane_)) : top_;
+        const double bottom =
+            side_b_.mesh ? dot(plane_, a_from_b_ * support(side_b_.mesh->triangles[j], -plane_in_b_)) : bottom_;
+        return bottom - top;
     }
 
     // Take a vector of any length in the frame of a as the direction of further gaps.
@@ -246,6 +289,12 @@ bool contains_part(const Shape& outer, const Shape& inner, const Transform& oute
 }
 
 }  // namespace
+
+void visit_parts(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+                 const Vec3& direction, PartsQuestion& question) {
+    Separation unknown;
+    Descent(a, b, a_from_b, query, unknown).visit(direction, question);
+}
 
 TriangleMesh::TriangleMesh(std::span<const double> corners, std::span<const double> points, bool closed_)
     : closed(closed_) {

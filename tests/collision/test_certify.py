@@ -505,3 +505,43 @@ def test_one_of_several_floors_is_enough(slider, path):
     second = 1.0 - (0.02 * np.sin(2.5) + 0.2 * -np.cos(2.5)) / np.sin(2.5)
     met = path(slider, [-1.0], [1.0])(certificate.first_contact.proven_free_until)[0]
     assert met == pytest.approx(min(first, second), abs=1e-3)
+
+
+# -- tolerances along a direction --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("beyond", "status"), [(0.01, FREE), (1e-4, FREE), (-1e-4, UNDECIDED)])
+def test_a_tolerance_counts_towards_each_side_of_a_mesh_by_its_direction(slider, path, beyond, status):
+    """A ball slides 2 mm beside one side of a bracket towards the other, more by the tolerance than by its path."""
+    tolerance, end = 0.05, 0.1 + 0.01 + 0.05 + beyond
+    sides = [trimesh.creation.box(bounds=[(-0.2, 0.012, -0.1), (end + 0.02, 0.03, 0.1)])]
+    sides.append(trimesh.creation.box(bounds=[(end, -0.1, -0.1), (end + 0.02, 0.012, 0.1)]))
+    both = trimesh.util.concatenate(sides)
+    bracket = pp.Obstacle("bracket", pp.Mesh.from_arrays(np.array(both.vertices), np.array(both.faces), hull=False))
+    certificate = pp.certify(
+        path(slider, [0.0], [0.1]), pp.CollisionChecker(slider, pp.Scene([bracket])), joint_tolerance=tolerance
+    )
+    assert certificate.status is status
+    if status is FREE:
+        assert certificate.clearance == pytest.approx(min(beyond, 0.002), abs=1e-6)
+
+
+def test_a_path_beside_meshes_is_free_at_all_deviations_within_its_tolerance(ur5, path):
+    rng, checked = np.random.default_rng(4), [0, 0]
+    ring = trimesh.creation.torus(0.3, 0.06, 24, 12)
+    shape = pp.Mesh.from_arrays(np.array(ring.vertices), np.array(ring.faces), hull=False)
+    places = [pp.pose(np.array((0.0, 0.0, 0.5)) + rng.uniform(-0.7, 0.7, 3), rng.uniform(-3, 3, 3)) for _ in range(4)]
+    checker = pp.CollisionChecker(ur5, pp.Scene([pp.Obstacle(f"ring_{k}", shape, at) for k, at in enumerate(places)]))
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 6)).reshape(6, -1).T
+    for q in rng.uniform(-2.5, 2.5, (2500, 6)):
+        if not 0.0 < (gap := checker.clearance(q)) < 0.03:
+            continue
+        tolerance = gap * rng.uniform(0.0, 4.0, 6)
+        near = np.concatenate([signs, rng.uniform(-1.0, 1.0, (64, 6))]) * tolerance
+        curve = path(ur5, q, q + 0.003 * rng.normal(size=6))
+        proof = pp.certify(curve, checker, joint_tolerance=tolerance, limits=None)
+        if proof.free:
+            for share in (0.0, 0.5, 1.0):
+                assert checker.is_free_batch(curve.q[0] + share * (curve.q[1] - curve.q[0]) + near).all()
+        checked[proof.free] += 1
+    assert min(checked) > 3

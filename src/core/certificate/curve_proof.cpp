@@ -386,7 +386,7 @@ public:
     bool measured(const DistanceBounds& bounds, const Vec3& direction) override {
         choose(direction);
         add(bounds.lower, true);
-        return bounds.lower - tight_.distance > goal_;
+        return bounds.lower - tight_.distance > apart_;
     }
 
     PartBounds weakest{kInfinity, kInfinity, 0.0, kInfinity};
@@ -430,10 +430,10 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
     const double enough = clear(k, sum) + approach.distance + space.rounding;
     const PlacedBody &a = bodies_[pair.a], &b = bodies_[pair.b];
     const Shape &shape_a = space.shape(pair.a), &shape_b = space.shape(pair.b);
-    // If bodies may move by far more than their distance, or another pair requires that the interval is bisected, only
-    // contact at this configuration is checked by a measurement.
+    // If bodies move by far more than their distance, or another pair requires that the interval is bisected, only
+    // contact at this configuration is checked by a measurement. Tolerances are not smaller in the halves.
     const double before = memory_of_pair_[k] < 0 ? kInfinity : memory_[memory_of_pair_[k]].distance;
-    const bool hopeless = !is_single_piece(interval) || approach.distance > kHopeless * std::max(before, goal) ||
+    const bool hopeless = !is_single_piece(interval) || approach.bare > kHopeless * std::max(before, goal) ||
                           (sum.open > 0 && is_bisected(sum));
     std::optional<Transform> a_from_b;
     double lower = norm(b.centre - a.centre) - shape_a.ball - shape_b.ball;
@@ -466,8 +466,7 @@ void CurveProof::judge(int k, const Interval& interval, Summary& sum) {
                 if (tighten(pair, direction, approach)) growth_range = kGrowthRange;
             } else if (!hopeless && is_due_to_tolerances(pair, lower, approach, goal) && distance > margin) {
                 Parts parts(*this, k, approach, memory.separation.direction);
-                visit_parts(shape_a, shape_b, *a_from_b, query, memory.separation.direction, parts);
-                if (parts.weakest.lower - parts.weakest.approach > lower - approach.distance) {
+                if (visit_parts(shape_a, shape_b, *a_from_b, query, memory.separation.direction, parts)) {
                     lower = parts.weakest.lower;
                     approach.distance = parts.weakest.approach;
                     approach.growth = 0.0;

@@ -130,7 +130,7 @@ public:
         return bounds_;
     }
 
-    void visit(const Vec3& direction, PartsQuestion& question) {
+    bool visit(const Vec3& direction, PartsQuestion& question) {
         set_plane(direction);
         NodePair stack[2 * kTreeDepth + 2];
         int top = 0;
@@ -148,10 +148,11 @@ public:
                     Separation separation;
                     separation.direction = plane_;
                     const DistanceBounds bounds = of_triangles(i, j, query_, separation);
-                    if (!question.measured(bounds, separation.direction)) return;
+                    if (!question.measured(bounds, separation.direction)) return false;
                     set_plane(separation.direction);
                 }
         }
+        return true;
     }
 
 private:
@@ -290,10 +291,10 @@ bool contains_part(const Shape& outer, const Shape& inner, const Transform& oute
 
 }  // namespace
 
-void visit_parts(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+bool visit_parts(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
                  const Vec3& direction, PartsQuestion& question) {
     Separation unknown;
-    Descent(a, b, a_from_b, query, unknown).visit(direction, question);
+    return Descent(a, b, a_from_b, query, unknown).visit(direction, question);
 }
 
 TriangleMesh::TriangleMesh(std::span<const double> corners, std::span<const double> points, bool closed_)

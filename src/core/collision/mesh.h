@@ -52,13 +52,13 @@ public:
     // Whether parts are left out that are `gap` (m) apart, and `along` along the direction that was measured last.
     virtual bool leave(double gap, double along) = 0;
     // The bounds of two triangles, or of one and a convex body, and the direction of the lower one in the frame of a;
-    // false ends the search.
+    // false ends the search, before all parts were seen.
     virtual bool measured(const DistanceBounds& bounds, const Vec3& direction) = 0;
 };
 
-// Ask about the parts of two bodies, the closer ones first, beginning with a direction that separates some of them.
-// Neither of the bodies is a half-space.
-void visit_parts(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
+// Ask about the parts of two bodies, the closer ones first, beginning with a direction that separates some of them; false
+// if the search was ended. Neither of the bodies is a half-space.
+bool visit_parts(const Shape& a, const Shape& b, const Transform& a_from_b, const DistanceQuery& query,
                  const Vec3& direction, PartsQuestion& question);
 
 }  // namespace pinproof

@@ -272,6 +272,9 @@ SLOWER, RATES_KEPT = 1.0005, 1.001
 LONGER = (2.0, 1.25)
 """Lengths of lines that are tried beside the length that a pick states, by this length."""
 
+SPARE = 3
+"""Number of moves that a pick may have more which ends with the part in the hand, and so has none that lead back."""
+
 PARTS, DIVIDED, STOP = 16, 3, 0.25
 """Parts of a joint move whose speeds are compared, the most stops that divide it, and the seconds that each counts."""
 
@@ -322,12 +325,13 @@ class PickMoves:
     ) -> None:
         self._task, self._member = setup.made_by(pick, program.member)
         self._arm, self._deviation, self._language = setup.checker.arm, deviation, language
-        self._spare = 0  # of the at most 12 moves from home to home, those that the moves so far have not used
         self.moves: dict[str, list[JointMove | LinearMove]] = {segment.name: [] for segment in program.segments}
         # The motions from stop to stop, with the linear moves at both ends
         stops = [
             k for k, own in enumerate(program.segments) if any(abs(e.time - own.end) < 1e-9 for e in program.events)
         ]
+        # Of the at most 12 moves from home to home, those that the moves so far have not used, or that are not needed
+        self._spare = 0 if len(stops) > 1 else SPARE
         bounds = [0, *(k + 1 for k in stops if k + 1 < len(program.segments)), len(program.segments)]
         stretches = [program.segments[first:last] for first, last in pairwise(bounds)]
         parts = [

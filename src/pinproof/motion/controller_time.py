@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -270,12 +270,14 @@ def _rates(path: JointPath, limits: JointLimits, speed: float, alike: bool) -> _
             rests[side, k] = rates[min(int(at), len(shares) - 1)]
             rests[side + 2, k] = min(int(at) // IN_PLACE, PLACES)
     # Short moves also brake in the first places, and accelerate in the last ones
-    own = *(np.concatenate([each, each]) for each in (tops, gains, losses)), np.hstack([rests, rests])
-    own[3][2:, count:] = 0.0
+    tops, gains, losses = (np.concatenate([each, each]) for each in (tops, gains, losses))
+    rests = np.hstack([rests, rests])
+    rests[2:, count:] = 0.0
+    own = partial(_Rates, tops=tops, gains=gains, losses=losses, rests=rests, alike=alike)
     speeds = SPEEDS * SAMPLED * float((velocity / np.maximum(np.abs(slope), 1e-12)).min())
     first, last = (np.searchsorted(np.maximum.accumulate(squares), speeds**2) for squares in reached)
     speeds = speeds[(first < len(shares)) & (last < len(shares))]
-    best, shortest = _Rates(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED, *own, alike), np.inf
+    best, shortest = own(float(SPEEDS[0]) * 1e-2, UNLIMITED, UNLIMITED), np.inf
     for top, begin, left in zip(speeds.tolist(), first.tolist(), last.tolist(), strict=False):
         end = len(shares) - 1 - left
         if begin <= end and cruise[begin : end + 1].min() >= top**2:
@@ -285,7 +287,7 @@ def _rates(path: JointPath, limits: JointLimits, speed: float, alike: bool) -> _
             peak = min(top, math.sqrt(2.0 / (1.0 / gain + 1.0 / loss)))
             seconds = 1.0 / peak + peak * (1.0 / gain + 1.0 / loss) / 2.0
             if seconds < shortest:
-                best, shortest = _Rates(top, gain, loss, *own, alike), seconds
+                best, shortest = own(top, gain, loss), seconds
     return best
 
 

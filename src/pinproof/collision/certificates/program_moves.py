@@ -106,8 +106,8 @@ def timed_step(
     length = float(np.linalg.norm(last.translation - first.translation))
     duration = profile.duration if move.top is None or move.duration is not None else None
     # The least acceleration between zones, or the usual one, at which no joint exceeds its own on any part of the line
-    usual = duration is None and move.gain is None
-    gains = fastest(move.path, arm.limits, alike=move.alike).gains if usual else profile.gains
+    as_usual = duration is None and move.gain is None
+    gains = fastest(move.path, arm.limits, alike=move.alike).gains if as_usual else profile.gains
     slope = np.abs(np.diff(move.path.q, axis=0)).max(axis=0) * (len(move.path.q) - 1)
     most = np.where(np.isnan(arm.limits.acceleration), np.inf, arm.limits.acceleration)
     least = min(gains.min(initial=np.inf), (most / np.maximum(slope, 1e-12)).min())

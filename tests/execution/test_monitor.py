@@ -89,6 +89,10 @@ def test_measurements_that_are_not_finite_are_an_alarm(monitor, swing) -> None:
     assert result.alarm
     assert not result.proven
     assert result.joint == "elbow_joint"
+    for dq in (np.full(6, 1e308), np.full(6, -1e300)):  # no velocity of a robot, and its stop would overflow
+        result = monitor.update(0.6, swing(0.6), dq)
+        assert result.status is MonitorStatus.INVALID
+        assert np.isnan(result.dq).all()
     for time in (np.nan, np.inf, "0.5", None):
         with pytest.raises(pp.InputError, match="time"):
             monitor.update(time, swing(0.5), np.zeros(6))

@@ -52,6 +52,9 @@ REFINED = 33
 SIMILAR = 0.25
 """Share of the tolerances: two configurations whose deviations differ by less are similarly close."""
 
+LARGEST = 1e9
+"""rad or m, or per s: a larger measurement is none."""
+
 LONGEST_STOP = 60.0
 """Seconds. A longer stop is not certified: the velocity, or the acceleration limit, is implausible."""
 
@@ -63,6 +66,7 @@ class MonitorStatus(Enum):
     OUTSIDE_BRAKING_FREE = "outside the certified tube; braking now is proven collision-free"
     OUTSIDE = "outside the certified tube; braking now is not proven collision-free"
     INVALID = "the measurement is not finite, not later than the last one, or has not changed on a moving robot"
+    """A number above 1e9 counts as not finite."""
 
 
 @described(eq=False)
@@ -276,10 +280,12 @@ class Monitor(Shown):
             rate_error = np.maximum(rate_error, 2 * self._position_error / tick + self._acceleration * tick / 2)
         if self._last is not None and time <= self._last[0] and not time <= 0.0 < self._last[0]:
             rate = np.full(len(names), np.nan)  # the clock went back, or a measurement is repeated
-        if not (np.isfinite(at).all() and np.isfinite(rate).all()):
-            bad = ~(np.isfinite(at) & np.isfinite(rate))
-            name = "" if np.isfinite(at).all() and bad.all() else names[int(bad.argmax())]
-            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf, q=at, dq=rate)
+        known, rate_known = np.abs(at) < LARGEST, np.abs(rate) < LARGEST  # neither is NaN
+        if not (known.all() and rate_known.all()):
+            bad = ~(known & rate_known)
+            name = "" if known.all() and bad.all() else names[int(bad.argmax())]
+            q, dq = np.where(known, at, np.nan), np.where(rate_known, rate, np.nan)
+            return MonitorResult(MonitorStatus.INVALID, time, time, np.abs(at), name, np.inf, q=q, dq=dq)
         # A sensor that repeats its values although a joint must have moved
         moved = self._moved_since_change(time, at, rate, measured=dq is not None)
         self._last = time, at

@@ -338,6 +338,12 @@ def test_the_order_that_one_option_demands_does_not_exclude_the_other_one(monkey
     assert result.order.index("pick_1") < result.order.index("pick_0")
     assert result.precedence.allows(picks.index(step.pick) for step in result)
 
+    # without its second option it is left out, with the number of orders that were tried
+    result = pp.sequence(setup, picks, budget=replace(budget, options=1))
+    (left,) = result.left_out
+    assert left.name == "pick_1"
+    assert "in 6 other orders" in left.reason
+
 
 def test_a_better_order_that_cannot_be_certified_leaves_out_no_pick(monkeypatch: pytest.MonkeyPatch) -> None:
     certified, tours = SequenceRun._certified, list[object]()

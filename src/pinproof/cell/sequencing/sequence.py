@@ -450,7 +450,7 @@ class SequenceRun:
                 self.precedence = precedence
 
     def _in_other_order(self, tour: Tour, error: _ImpossibleError) -> tuple[TourProblem, _CertifiedTour]:
-        """A certified tour in one of several orders; raises the error of the search if there is none.
+        """A certified tour in one of several orders; raises the error of the search, with their number, without one.
 
         What blocks one option demands an order of the search, which may be wrong for the others. Here it demands none.
         """
@@ -461,12 +461,14 @@ class SequenceRun:
         rest = [job for job in tour.order if job not in error.reasons]
         orders = [(*failed, *rest), (*rest, *failed)]
         orders += [tuple(rng.permutation(problem.count).tolist()) for _ in range(ORDERS // problem.count)]
-        for order in dict.fromkeys(map(problem.in_order, orders)):
+        tried = dict.fromkeys(map(problem.in_order, orders))
+        for order in tried:
             try:
                 return self._certified(problem, problem.best_options(order), fixed=True)
             except (_ImpossibleError, NoAnswer):
                 continue
-        raise error
+        more = f"; no sequence with it was found in {len(tried)} other orders"
+        raise _ImpossibleError({job: why + more for job, why in error.reasons.items()})
 
     def _keep(self, place: Place, step: PickVerdict | MotionFailure) -> None:
         """Keep the result of a step, and its trajectories for other scenes."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
@@ -355,16 +354,19 @@ def _hash_of_entries(entries: dict[str, str]) -> str:
     return _hash("\n".join(f"{key}: {value}" for key, value in sorted(entries.items()) if key))
 
 
+CONTROL = re.compile("[\x00-\x08\x0a-\x1f\x7f-\x9f\u2028\u2029]")
+"""The control characters of Unicode, and its separators of lines and paragraphs, except the tabulator."""
+
+
 def program_lines(source: str, text: str) -> list[str]:
     """The lines of a program as a controller reads them: LF or CRLF ends a line, and no other character does."""
     # Any other control character ends a line for some programs and not for others, and is refused.
     *lines, last = text.split("\n")
     lines = [*(line.removesuffix("\r") for line in lines), last]
     for number, line in enumerate(lines, 1):
-        for column, character in enumerate(line, 1):
-            if character != "\t" and unicodedata.category(character) in ("Cc", "Zl", "Zp"):
-                reason = f"contains the control character U+{ord(character):04X}; lines end with LF or CRLF only"
-                raise TrajectoryError(source, reason, f"line {number}, column {column}")
+        if found := CONTROL.search(line):
+            reason = f"contains the control character U+{ord(found[0]):04X}; lines end with LF or CRLF only"
+            raise TrajectoryError(source, reason, f"line {number}, column {found.start() + 1}")
     return lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gc
 import json
 import sys
 import weakref
@@ -45,6 +46,13 @@ from ..processes import RUN_CLI, WRITTEN, rows_in, started, wait_for
 ROBOTS = Path(__file__).parents[2] / "robots"
 SMALL = PlacementBudget(grid=60, runs=2, evaluations=24, certified=2, deviations=0)
 QUICK = PickBudget(motion=0, compared=4, remedies=0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def earlier_objects_are_not_searched() -> None:
+    """A search collects garbage after each placement, and would search all that earlier tests have kept."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module")

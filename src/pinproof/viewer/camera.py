@@ -95,8 +95,8 @@ OUTLINE = 26
 MOST_INSTANTS = 120
 """Largest number of instants at which all links are framed; the tool is framed at every key frame."""
 
-CHUNK = 20_000
-"""Number of points whose extremes are computed at a time, to limit the memory."""
+CHUNK = 500
+"""Number of points whose extremes are computed at a time: the products fit into the cache of a processor."""
 
 
 @described(eq=False)
@@ -328,7 +328,6 @@ def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) 
 def extremes(points: Array, directions: int = DIRECTIONS) -> Array:
     """The extreme points in some directions, which are distributed over the sphere by a Fibonacci spiral."""
     outward = spiral_directions(directions)
-    # Chunk by chunk, because the products of all points would not fit into memory
     while len(points) > CHUNK:
         parts = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
         points = np.concatenate([part[np.unique((outward @ part.T).argmax(axis=1))] for part in parts])

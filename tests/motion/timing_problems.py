@@ -86,10 +86,14 @@ def assert_within(trajectory, limits, jerk=None):
 
 def distance_to_polyline(points, q):
     """(N,) largest coordinate's distance of each point to the nearest segment."""
-    a, d = q[:-1], np.diff(q, axis=0)
-    square = np.maximum((d * d).sum(axis=1), np.finfo(float).tiny)
-    s = np.clip(((points[:, None] - a) * d).sum(axis=2) / square, 0, 1)
-    return np.abs(points[:, None] - (a + s[..., None] * d)).max(axis=2).min(axis=1)
+    a, d = q[:-1].T, np.diff(q, axis=0).T
+    square = np.maximum((d * d).sum(axis=0), np.finfo(float).tiny)
+    columns = list(zip(points.T[:, :, None], a, d, strict=True))  # joint by joint, which fits into a cache
+    s = np.clip(sum((p - own) * step for p, own, step in columns) / square, 0, 1)
+    farthest = np.zeros_like(s)
+    for p, own, step in columns:
+        np.maximum(farthest, np.abs(p - (own + s * step)), out=farthest)
+    return farthest.min(axis=1)
 
 
 def assert_on_path(trajectory, path, tolerance):

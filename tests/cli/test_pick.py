@@ -70,7 +70,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     options = ("--pages", "--grip-dwell", "0.5", "--export", "krl", "--gripper-output", "7")
     out = Cli().prints("pick", picks_of_generic(folder), "-o", str(folder / "out"), *options)
-    assert "1 programs in krl" in out
+    assert "1 program in krl" in out
     assert {path.name for path in (folder / "out").glob("*.html")} == {"report.html", "pin_0.html"}
     return folder
 

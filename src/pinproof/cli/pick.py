@@ -105,7 +105,9 @@ class OutputOptions(ExportOptions):
         more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
         picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
         text = f"{names}; for {picks} its motion and program, such as {more}"
-        return text if self.export is None else f"{text}; {len(report.exported)} programs in {self.export}"
+        count = len(report.exported)
+        programs = "1 program" if count == 1 else f"{count} programs"
+        return text if self.export is None else f"{text}; {programs} in {self.export}"
 
 
 def pick(

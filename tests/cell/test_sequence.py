@@ -469,15 +469,15 @@ def test_a_pick_is_in_the_sequence_though_its_nearest_releases_are_in_contact() 
     assert not result.left_out
 
 
-@pytest.mark.parametrize("stands", ["beside the block", "beside its place"])
-def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(stands: str) -> None:
+@pytest.mark.parametrize("pin", ["beside the block", "beside its place"])
+def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(pin: str) -> None:
     """The pin is between the open and the closed finger, so that neither end of the closing motion touches it."""
     fingers = tuple(
         pp.Obstacle(f"f{k}", pp.Box(0.015, 0.01, 0.05), pp.pose((0, y, 0.13))) for k, y in ((1, 0.005), (2, -0.005))
     )
     places = (
         [(0.45, 0.228, 0.022), (0.6, 0.0, 0.022)]
-        if stands == "beside the block"
+        if pin == "beside the block"
         else [(0.6, 0.0, 0.022), (0.45, -0.172, 0.022)]
     )
     picks = []
@@ -493,7 +493,7 @@ def test_fingers_that_close_and_open_do_not_pass_through_parts_of_other_picks(st
     shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.145)), fingers=hand, margin=0.001)
     setup = cell(shared, pp.Scene([TABLE, *parts], allowed=[("base_link", "table")]))
     only = pp.cell.SequenceBudget(options=1, motion=0, refinements=0)
-    possible = ["pin", "block"] if stands == "beside the block" else ["block", "pin"]
+    possible = ["pin", "block"] if pin == "beside the block" else ["block", "pin"]
     assert pp.sequence(setup, picks, budget=only).or_raise().order == tuple(possible)
     wrong = pp.sequence(setup, picks, budget=only, order=possible[::-1])
     (left,) = wrong.left_out

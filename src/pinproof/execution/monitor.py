@@ -53,7 +53,7 @@ SIMILAR = 0.25
 """Share of the tolerances: two configurations whose deviations differ by less are similarly close."""
 
 LARGEST = 1e9
-"""rad or m, or per s: a larger measurement is none."""
+"""rad or m, or per s: a larger measurement is invalid."""
 
 LONGEST_STOP = 60.0
 """Seconds. A longer stop is not certified: the velocity, or the acceleration limit, is implausible."""

@@ -452,7 +452,7 @@ class SequenceRun:
     def _in_other_order(self, tour: Tour, error: _ImpossibleError) -> tuple[TourProblem, _CertifiedTour]:
         """A certified tour in one of several orders; raises the error of the search, with their number, without one.
 
-        What blocks one option demands an order of the search, which may be wrong for the others. Here it demands none.
+        In the search, a part that blocks one option adds a precedence, which may exclude the other options; not here.
         """
         self.precedence = self.required
         problem, rng = self.problem(), np.random.default_rng(0)
@@ -643,7 +643,7 @@ class SequenceRun:
                 if not more.cycle():
                     self.precedence = more
                     return replace(problem, precedence=more)
-                # what blocks this option in both orders demands no order of the other ones
+                # a part that blocks this option in both orders adds no precedence for the other options
                 if pair[::-1] in self.precedence.reasons.keys() - self.required.reasons.keys():
                     kept = {old: why for old, why in self.precedence.reasons.items() if old != pair[::-1]}
                     self.precedence = replace(self.precedence, reasons=kept)
